@@ -11,7 +11,13 @@ if TYPE_CHECKING:
     from thalweg.env.torch_env import TensorRiverEnv
 
 LEVEL_IDS = {name: f"thalweg/{name}-v0" for name in ("Easy", "Medium", "Hard")}
-"""Gymnasium id of each level's fixed river."""
+"""Gymnasium id of each level's fixed river, in the paper's task."""
+TASK_IDS = {
+    (task, level): f"thalweg/{task}-{level}-v0"
+    for task in ("Swimmers", "Nests", "RacingLine", "Portage")
+    for level in LEVEL_IDS
+}
+"""Gymnasium id of each other task (`thalweg.env.tasks`) on each level's fixed river."""
 BOAT_IDS = {"Easy": "thalweg/Easy-ASV-v0", "Medium-Deep": "thalweg/Medium-ASV-v0", "Hard-Deep": "thalweg/Hard-ASV-v0"}
 """Gymnasium id of the boat (`EnvConfig.vehicle = "asv"`) on the fixed river of each level with water enough for it."""
 
@@ -33,6 +39,7 @@ def make_torch(level: str, num_envs: int = 1, **options: Any) -> "TensorRiverEnv
 def register_envs() -> None:
     """Register the Gymnasium ids of the levels; a second call changes nothing."""
     kwargs = {name: {"level": level} for level, name in LEVEL_IDS.items()}
+    kwargs |= {name: {"level": level, "task": task} for (task, level), name in TASK_IDS.items()}
     kwargs |= {name: {"level": level, "vehicle": "asv"} for level, name in BOAT_IDS.items()}
     for name, arguments in kwargs.items():
         if name not in registry:

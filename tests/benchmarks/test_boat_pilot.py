@@ -49,4 +49,4 @@ def test_only_rivers_that_are_missing_are_run(script: ModuleType, tmp_path: Path
     assert built == [3000, 3001, 3002]
     rows = script.read_csv(Path(out), script.COLUMNS)
     assert [row["seed"] for row in rows] == ["3000", "3001", "3002"]
-    assert all(float(row["tight"]) == 0.0 and row["reason"] == "Success" for row in rows)
+    assert all(float(row["tight"]) == 0.0 and row["reason"] == "Success" for row in rows), rows

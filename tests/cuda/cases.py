@@ -1,5 +1,7 @@
 """Worlds, poses, looks and flights for comparisons of GPU and CPU, small enough for the simulator."""
 
+from typing import Any
+
 import numpy as np
 import torch
 
@@ -29,9 +31,10 @@ def worlds() -> list[World]:
 FLIGHTS, STEPS = 5, 60
 
 
-def flown() -> dict[str, np.ndarray]:
+def flown(task: Any = "River") -> dict[str, np.ndarray]:
     """What happens to environments of tensors in all steps of random flights, and what the ideal eye sees of it."""
-    env = TensorRiverEnv(worlds(), FLIGHTS, EnvConfig(observation="privileged", max_idle_steps=8), device="cpu")
+    config = EnvConfig(observation="privileged", max_idle_steps=8, task=task)
+    env = TensorRiverEnv(worlds(), FLIGHTS, config, device="cpu")
     env.reset(seed=0)
     chosen = torch.randint(0, 3, (STEPS, FLIGHTS, 4), generator=torch.Generator().manual_seed(0))
     steps = [env.step(actions) for actions in chosen]

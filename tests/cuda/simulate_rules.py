@@ -1,5 +1,5 @@
 """Flies environments of tensors by the kernel of a GPU and stores what happens: `python -m tests.cuda.simulate_rules
-FILE`."""
+FILE TASK`."""
 
 import sys
 
@@ -13,12 +13,13 @@ from thalweg.env.device import cuda_step as rules
 THREADS = 2
 
 
-def main(path: str) -> None:
+def main(path: str, task: str) -> None:
     simulated.begin()
     blocks = -(-cases.FLIGHTS // THREADS) + 1  # the last one has nothing to do
     tensors.advance_all = lambda *given: gpu.launch(rules.advance, blocks, THREADS, simulated.DEVICE, *given)
     tensors.see_all = lambda *given: gpu.launch(rules.see, blocks, THREADS, simulated.DEVICE, *given)
-    np.savez(path, **cases.flown())
+    tensors.see_all_in_task = lambda *given: gpu.launch(rules.see_in_task, blocks, THREADS, simulated.DEVICE, *given)
+    np.savez(path, **cases.flown(task))
 
 
 if __name__ == "__main__":

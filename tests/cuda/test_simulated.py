@@ -71,10 +71,11 @@ def test_frames_and_layers_equal_those_of_the_cpu(tmp_path: Path, quality: str):
 
 
 @pytest.mark.slow
-def test_flights_equal_those_of_the_cpu(tmp_path: Path):
+@pytest.mark.parametrize("task", ["River", "Swimmers", "Nests", "RacingLine", "Portage"])
+def test_flights_equal_those_of_the_cpu(tmp_path: Path, task: str):
     path = tmp_path / "flown.npz"
-    simulated("simulate_rules", str(path))
-    found, wanted = np.load(path), cases.flown()
+    simulated("simulate_rules", str(path), task)
+    found, wanted = np.load(path), cases.flown(task)
     assert len(set(wanted["reason"].ravel())) >= 3 and (wanted["costs"].sum((0, 1)) > 0).all()
     np.testing.assert_array_equal(found["reason"], wanted["reason"])
     np.testing.assert_array_equal(found["costs"], wanted["costs"])

@@ -12,10 +12,17 @@ from thalweg.env import EnvConfig
 from thalweg.env.device import cuda_step
 from thalweg.env.device.step import advance_all
 from thalweg.env.task.ideal_eye import see_all
+from thalweg.env.task.priced.eye import see_all_in_task
+from thalweg.env.task.priced.props import all_props
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.world import World
 
-ON_THE_HOST = {cuda_step.advance: advance_all, cuda_step.see: see_all}
+ON_THE_HOST = {
+    cuda_step.advance: advance_all,
+    cuda_step.see: see_all,
+    cuda_step.see_in_task: see_all_in_task,
+    cuda_step.props: all_props,
+}
 
 
 @pytest.fixture
@@ -39,8 +46,10 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
-def test_launched_steps_equal_those_of_the_cpu(easy_world: World, launched: list[str]):
-    here, there = (TensorRiverEnv(easy_world, 5, EnvConfig(observation="privileged"), device="cpu") for _ in range(2))
+@pytest.mark.parametrize(("task", "eye"), [("River", "see"), ("Swimmers", "see_in_task")])
+def test_launched_steps_equal_those_of_the_cpu(easy_world: World, launched: list[str], task: Any, eye: str):
+    config = EnvConfig(observation="privileged", task=task)
+    here, there = (TensorRiverEnv(easy_world, 5, config, device="cpu") for _ in range(2))
     for env in (here, there):
         env.reset(seed=3)
     assert there._actions.shape == (5, 4)  # allocated before the device is replaced
@@ -51,4 +60,4 @@ def test_launched_steps_equal_those_of_the_cpu(easy_world: World, launched: list
         (seen, reward, *_, info), (seen_there, reward_there, *_, info_there) = here.step(actions), there.step(actions)
         assert torch.equal(seen, seen_there) and torch.equal(reward, reward_there)
         assert torch.equal(info["pose"], info_there["pose"])
-    assert launched == ["advance", "see"] * 40
+    assert launched == ["advance", eye] * 40

@@ -17,6 +17,7 @@ import torch
 from tests.algos import rollouts
 from tests.encoder.synthetic_frames import synthetic_frames
 from tests.env.handmade import ring
+from tests.env.task.priced.flights import PRICED, erratic
 from tests.env.vehicle.basins import arch_at, basin
 from tests.render import golden as golden_frames
 from tests.train.small_runs import rows_of, small, train
@@ -149,6 +150,25 @@ def vehicles() -> Trace:
         found[name] = np.concatenate([rewards, costs.ravel(), np.bincount(np.ravel(reasons) + 1, minlength=12)])
         found[f"{name} poses"] = env.get_state()["pose"]
         found[f"{name} seen"] = seen
+    return found
+
+
+def tasks() -> Trace:
+    """What erratic flights earn and cost in each task, and where they end, on a hand-made ring and on Hard."""
+    found = {}
+    for task in PRICED:
+        for name, world in (("ring", ring()), ("Hard", load_or_build("Hard"))):
+            env = RiverVectorEnv(world, 6, EnvConfig(observation="privileged", task=task))
+            rng = np.random.default_rng(5)
+            env.reset(seed=3)
+            rewards, costs = np.zeros(6), np.zeros((6, 3))
+            for _ in range(60):
+                seen, reward, _, _, info = env.step(erratic(env, rng))
+                rewards += reward
+                costs += info["costs"]
+            state, limits = env.get_state(), env.courses.max_steps
+            found[f"{task} {name}"] = np.concatenate([rewards, costs.ravel(), state["pose"].ravel(), limits])
+            found[f"{task} {name} seen"] = seen.astype(np.float64)
     return found
 
 
@@ -296,6 +316,7 @@ GOLDENS: dict[str, Golden] = {
     "world": Golden("WORLD", versions.WORLD, world, tolerance=1e-4),
     "render": Golden("RENDER", versions.RENDER, render, tolerance=0.02),
     "rules": Golden("RULES", versions.RULES, rules, tolerance=1e-9),
+    "tasks": Golden("TASKS", versions.TASKS, tasks, tolerance=1e-6, smallest=1e-3),
     "vehicles": Golden("VEHICLES", versions.VEHICLES, vehicles, tolerance=1e-6, smallest=1e-5),
     "privileged": Golden("PRIVILEGED", versions.PRIVILEGED, privileged, tolerance=1e-4, smallest=1e-3),
     "evaluation": Golden("EVALUATION", versions.EVALUATION, evaluation, tolerance=1e-9),

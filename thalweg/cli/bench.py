@@ -1,10 +1,12 @@
 """`thalweg bench`: training, evaluation and report of a suite."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
+
+from thalweg.cli.options import checked_task
 
 if TYPE_CHECKING:
     from thalweg.bench.execute.executors import Executor
@@ -24,21 +26,27 @@ class Bench:
     """Run on a Ray cluster, at most --jobs runs at a time: auto for this machine's, or HOST:PORT of its head."""
     cpus: int | None = None
     """Processors and threads of each run on a cluster; by default 1."""
+    task: str | None = None
+    """River, Swimmers, Nests, RacingLine or Portage; by default that of the suite."""
     only: tuple[str, ...] = ()
     """Policies (FOCOPS, hover), with all their seeds, or runs (PPO-0), such as --only FOCOPS PPO-0; all by default."""
 
     def run(self) -> int:
-        return run_and_print(self.suite, self.out, self.only, executor_for(self.jobs, self.cluster, self.cpus))
+        executor = executor_for(self.jobs, self.cluster, self.cpus)
+        return run_and_print(self.suite, self.out, self.only, executor, self.task)
 
 
-def run_and_print(name: str, folder: Path, only: tuple[str, ...], executor: "Executor") -> int:
+def run_and_print(name: str, folder: Path, only: tuple[str, ...], executor: "Executor", task: str | None = None) -> int:
     """Run a suite, or a part of it, and print its tables; returns 1 if a run failed."""
     from thalweg.bench.execute.runner import run_suite
     from thalweg.bench.suite.builtin import load_suite
     from thalweg.cli.tables import make_console, print_tables
 
     console = make_console()
-    outcome = run_suite(load_suite(name), folder, console=console, executor=executor, only=only)
+    suite = load_suite(name)
+    if task is not None:
+        suite = replace(suite, task=checked_task(task))
+    outcome = run_suite(suite, folder, console=console, executor=executor, only=only)
     print_tables(console, outcome.results, detail=False)
     lines = [f"Report: {outcome.report.page}", f"Table:  {outcome.report.table}"]
     if outcome.report.film is not None:

@@ -1,13 +1,13 @@
 """`thalweg evaluate`: evaluation of a policy from the fixed starts of levels, or on a real river."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
-from thalweg.cli.options import NO_FILE, River, UsageError, check_file
+from thalweg.cli.options import NO_FILE, River, UsageError, check_file, checked_task
 from thalweg.core.seeds import parse_seeds
 from thalweg.core.suggestion import did_you_mean
 
@@ -44,6 +44,10 @@ class Evaluate:
     """Seed for action sampling."""
     deterministic: bool = False
     """Take the most probable action instead of sampling."""
+    task: str | None = None
+    """River, Swimmers, Nests, RacingLine or Portage; by default that on which the policy was trained."""
+    hard: bool = False
+    """End an episode at the first cost of the task; not for River."""
     unseen: bool = False
     """Fly on unseen rivers of the levels, on which nothing is trained: one start on each, one river per episode."""
     shield: bool = False
@@ -60,7 +64,8 @@ class Evaluate:
         from thalweg.bench.evaluate.course import EvaluationConfig
         from thalweg.env import EnvConfig
 
-        rules = EnvConfig(observation="none", vehicle=self.vehicle)
+        task = checked_task(self.task or "River")
+        rules = EnvConfig(observation="none", task=task, hard=self.hard, vehicle=self.vehicle)
         return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic, rules)
 
     @property
@@ -98,6 +103,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.bench.results.results import Results
     from thalweg.bench.suite.config import PACKAGED
     from thalweg.cli.tables import make_console, print_tables
+    from thalweg.train.river import task_of
     from thalweg.world import Reach, level_named
 
     console = make_console()
@@ -106,6 +112,8 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
         if rivers.count(river) > 1:
             raise ResultsError(f"--levels names {river} twice; each level is flown once")
     policy = load_named_policy(command.policy)
+    command = replace(command, task=command.task or task_of(policy))
+    command.config  # noqa: B018  # a task that does not exist is refused before anything is loaded
     encoder = _encoder_for(policy, command)
     if command.shield:
         check_masks(policy, encoder)
@@ -152,7 +160,7 @@ def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
             f" {command.encoder} out"
         )
     encoder = load_compatible_encoder(command.encoder, command.device) if sight == "frames" else None
-    check_policy_fits(policy, encoder, vehicle=command.vehicle)
+    check_policy_fits(policy, encoder, task=command.task or "River", vehicle=command.vehicle)
     return encoder
 
 

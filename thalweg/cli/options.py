@@ -98,6 +98,16 @@ def check_file(option: str, path: Path, *endings: str) -> None:
         raise UsageError(f"{option} {path} cannot be written: no permission to write into {home}")
 
 
+def checked_task(name: str) -> Any:
+    """Return the name of a task; raises `UsageError`, which lists the tasks, for another."""
+    from thalweg.core.suggestion import did_you_mean
+    from thalweg.env.tasks import TASKS
+
+    if name not in TASKS:
+        raise UsageError(f"unknown task {name!r}{did_you_mean(name, TASKS)}; known: {', '.join(TASKS)}")
+    return name
+
+
 def whole_number(text: str) -> int:
     """Return a whole number from text such as 200000, 200_000 or 2e5; raises `UsageError` for anything else."""
     try:

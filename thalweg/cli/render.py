@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from thalweg.cli.options import NO_FILE, POSE, River, UsageError, check_file, load_world
+from thalweg.cli.options import NO_FILE, POSE, River, UsageError, check_file, checked_task, load_world
 from thalweg.core.atomic_io import atomic_path
 
 PICTURES = (".png", ".jpg", ".jpeg", ".webp")
@@ -28,6 +28,8 @@ class RenderFrames:
     """Number of poses."""
     poses_seed: int = 0
     """Seed of the random poses, or of the pilot's flights."""
+    task: str = "River"
+    """Swimmers, Nests or Portage: also draw what stands in the river for this task, by --poses-seed."""
     vehicle: Literal["uav", "asv"] = "uav"
     """Vehicle whose starts or flights the poses are: `asv` is a boat, for Easy, Medium-Deep and Hard-Deep."""
     size: int = 128
@@ -101,7 +103,7 @@ class RenderFrames:
         from thalweg.bench.pictures.contact_sheet import contact_sheet, write_frames
         from thalweg.render import Renderer
 
-        frames = Renderer([world], self._camera, self.quality).render(poses)
+        frames = Renderer([world], self._camera, self.quality).render(poses, **self._props(world, poses))
         if self.frames is not None:
             write_frames(self.frames, frames)
         with atomic_path(self.out) as draft:
@@ -109,6 +111,19 @@ class RenderFrames:
         for x, y, z, yaw in poses:
             print(f"--pose {x:.3f} {y:.3f} {z:.3f} {yaw:.4f}")
         print(f"{self.out}: {len(frames)} frames of {world.name}, seed {world.seed}")
+
+    def _props(self, world: Any, poses: Any) -> dict[str, Any]:
+        """Return the objects [K, P, 6] of the task about poses [K, 4] for the renderer, if there are any."""
+        from thalweg.env import EnvConfig, RiverVectorEnv
+
+        if self.task == "River":
+            return {}
+        rules = EnvConfig(observation="none", task=checked_task(self.task))
+        env = RiverVectorEnv(world, len(poses), rules)
+        env.reset(seed=self.poses_seed)
+        env.state.pose[:] = poses
+        props = env.props()
+        return {} if props is None else {"props": props}
 
     @property
     def _camera(self) -> Any:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, River, UsageError, settings_from
+from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, River, UsageError, checked_task, settings_from
 from thalweg.cli.run_result import print_result
 from thalweg.core.seeds import parse_seeds
 
@@ -31,6 +31,10 @@ class Train:
     rivers_in_memory: int | None = None
     """Greatest number of rivers in memory, if they change; by default as many as fit into half of the free memory."""
     river: River = NO_FILE
+    task: str = "River"
+    """River, that of the paper, or Swimmers, Nests, RacingLine or Portage, in which each step may have a cost."""
+    hard: bool = False
+    """End an episode at the first cost of the task; not for River."""
     steps: int = 200_000
     """Steps of training, over all environments together."""
     seed: int = 0
@@ -65,7 +69,7 @@ class Train:
         algorithm = algorithm_named(self.algorithm)
         river = self.river.reach("--level", self.level) or self.level or (DEFAULT_LEVEL[self.vehicle],)
         seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError)
-        rules = EnvConfig(vehicle=self.vehicle)
+        rules = EnvConfig(task=checked_task(self.task), hard=self.hard, vehicle=self.vehicle)
         training = RiverTraining(
             river, self.num_envs, seeds, rules, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory
         )

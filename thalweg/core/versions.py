@@ -11,6 +11,8 @@ RENDER = 3
 """Frames of a world at a pose, time and look."""
 RULES = 1
 """Motion, progress, reward, cost and termination."""
+TASKS = 1
+"""What the tasks beside the paper's pay and cost, when they end, and what they add to the ideal eye."""
 VEHICLES = 1
 """The boat: what it touches and pays for, its starts, its pilot, and what its ideal eye tells."""
 PRIVILEGED = 2

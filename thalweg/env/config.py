@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, InstanceOf, PositiveInt, model_validator
 
 from thalweg.core.config import FiniteNonNegative, FinitePositive, Hint, frozen_config, refuse_unknown
+from thalweg.env.tasks import TASKS, Task, TaskName, TaskRules
 from thalweg.env.vehicle.boat import Boat
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
@@ -53,6 +54,8 @@ class DoneReason(IntEnum):
     IDLE = 4
     MAX_STEP_REACHED = 5
     SUCCESS = 6
+    COST_INCURRED = 7
+    """The first cost of a task ended the episode, see `EnvConfig.hard`; not in the original package."""
 
     @property
     def label(self) -> str:
@@ -80,6 +83,7 @@ class Limits(NamedTuple):
     """1: the reward is proportional to the share of segments a step visits; 0: it is 1 for any new segment."""
     tight_cost: float
     loose_cost: float
+    task: TaskRules
     is_boat: int = 0
     """1: the vehicle floats, and has the sizes below, see `thalweg.env.vehicle.boat.Boat`; 0: it flies."""
     half_length: float = 0.0
@@ -104,6 +108,11 @@ Ranges = Annotated[InstanceOf[Randomisation] | None, BeforeValidator(_default_ra
 class EnvConfig:
     """The task: motion, limits, observation, reward, cost and termination."""
 
+    task: TaskName = "River"
+    """Task: `River`, that of the paper; in `Swimmers`, `Nests`, `RacingLine` and `Portage` each step may have a cost,
+    and the greatest return breaks the limit (`thalweg.env.tasks`)."""
+    hard: bool = False
+    """Whether the first cost of the task ends the episode; `River` has none but those of endings."""
     observation: Observation = "rgb+mask"
     """Observation: `rgb+mask` (4 channels), `rgb`, `mask`, which draws no colours and is several times as fast, `dict`
     (keys rgb and mask). Without frames: `privileged`, what a perfect camera could tell
@@ -175,16 +184,54 @@ class EnvConfig:
             )
         return self
 
+    @model_validator(mode="after")
+    def _boats_have_the_task_of_the_paper(self) -> Self:
+        if self.vehicle == "asv" and self.task != "River":
+            raise ValueError(f"task must be River for the vehicle asv, got {self.task!r}")
+        return self
+
+    @model_validator(mode="after")
+    def _options_fit_the_task(self) -> Self:
+        if self.task == "River":
+            if self.hard:
+                raise ValueError("hard must be False in the task River, whose costs all end the episode; got True")
+        elif self.reward_scheme != "paper":
+            raise ValueError(f"reward_scheme must be paper in the task {self.task}, got {self.reward_scheme}")
+        fast = TASKS[self.task].fast_step_m
+        if fast and self.allow_backward:
+            raise ValueError(
+                f"allow_backward must be False in the task {self.task}, in which that option is a fast step; got True"
+            )
+        if fast and self.forward_step_m >= fast:
+            raise ValueError(
+                f"forward_step_m must be below the fast step of the task {self.task}, {fast:g} m; got"
+                f" {self.forward_step_m:g}"
+            )
+        return self
+
     def with_options(self, **options: Any) -> "EnvConfig":
         """Return a copy with some fields changed; raises `ConfigError` for an unknown key and lists the known ones."""
         refuse_unknown("option", options, (entry.name for entry in fields(self)), ConfigError)
         return replace(self, **options)
 
     def as_data(self) -> dict[str, Any]:
-        """Return what defines the task as plain data: all fields but `critic_info`, which nothing in it depends on, and
-        the vehicle only where it is not the usual one."""
-        left_out = ("critic_info", "vehicle", "boat") if self.vehicle == "uav" else ("critic_info",)
+        """Return what defines the task as plain data: all fields but `critic_info`, which nothing in it depends on.
+
+        The paper's task is that of data without `task`, `hard`, `vehicle` and `boat`: earlier versions knew no other.
+        """
+        left_out = {"critic_info"} | ({"task", "hard"} if self.task == "River" else set())
+        left_out |= {"vehicle", "boat"} if self.vehicle == "uav" else set()
         return {name: value for name, value in asdict(self).items() if name not in left_out}
+
+    @property
+    def task_record(self) -> Task:
+        """What is particular to the task."""
+        return TASKS[self.task]
+
+    @property
+    def fast_ratio(self) -> float:
+        """Length of a fast step, in steps forward; 0 in a task without one."""
+        return self.task_record.fast_step_m / self.forward_step_m
 
     @property
     def channels(self) -> int:
@@ -222,7 +269,8 @@ class EnvConfig:
             int(self.reward_scheme == "paper"),
             self.tight_cost,
             self.loose_cost,
-            *self._boat_limits,
+            self.task_record.rules(hard=self.hard),
+            *self._boat_limits,  # pyright: ignore[reportArgumentType]
         )
 
     @property
@@ -237,7 +285,8 @@ class EnvConfig:
     @property
     def cost_kinds(self) -> tuple[str, ...]:
         """Names of the columns of `info["costs"]`."""
-        return ("tight", "loose") if self.vehicle == "uav" else ("tight", "loose", "shallow")
+        kinds = self.task_record.cost_kinds
+        return kinds if self.vehicle == "uav" else (*kinds, "shallow")
 
 
 DEFAULT_CONFIG = EnvConfig()

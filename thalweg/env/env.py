@@ -34,6 +34,7 @@ class RiverEnv(gymnasium.Env):
         self.vector = RiverVectorEnv(
             [world], 1, config, renderer=renderer, autoreset_mode=AutoresetMode.DISABLED, render_mode=render_mode
         )
+        self.cost_kinds = self.vector.cost_kinds
         self.metadata = {**self.metadata, "render_fps": self.vector.metadata["render_fps"]}
         self.render_mode = render_mode
         self.observation_space = self.vector.single_observation_space

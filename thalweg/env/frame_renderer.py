@@ -32,6 +32,10 @@ class Views(NamedTuple):
     segment: np.ndarray
     """[M] int64, of the course, and the direction of travel along it; see `thalweg.env.task.rules.State`."""
     travel: np.ndarray
+    steps: np.ndarray
+    """[M] int64, and what the task keeps; see `State`."""
+    scene: np.ndarray
+    station: np.ndarray
 
 
 def relit_worlds(worlds: Sequence[World], randomisation: Randomisation | None) -> list[World]:
@@ -88,26 +92,32 @@ class FrameRenderer:
 
     def views(self, state: State, rows: np.ndarray | slice = slice(None)) -> Views:
         """Return copies of what the environments `rows` see in a state."""
-        values = state.pose, state.world, state.time_s, self.look, self.sun, state.segment, state.travel
+        seen = state.pose, state.world, state.time_s, self.look, self.sun, state.segment, state.travel
+        values = *seen, state.steps, state.scene, state.station
         return Views(*(a[rows].copy() for a in values))
 
-    def render_masks(self, views: Views) -> np.ndarray:
-        """Return new masks [M, H, W, 1] uint8 of the views, the fourth channel of their frames."""
+    def render_masks(self, views: Views, props: np.ndarray | None = None) -> np.ndarray:
+        """Return new masks [M, H, W, 1] uint8 of the views, the fourth channel of their frames; props: as in
+        `render`."""
         # A renderer of someone else's may draw nothing but whole frames.
         if not hasattr(self._drawer(), "render_mask"):
-            return self.render(views)[..., 3:].copy()
-        if self.randomisation is None:
-            return self._drawer().render_mask(views.pose, views.world)[..., None]
-        lit_world = views.world * self.lights + views.sun
-        return self._drawer().render_mask(views.pose, lit_world, look=views.look)[..., None]
+            return self.render(views, props)[..., 3:].copy()
+        return self._drawer().render_mask(views.pose, self._lit_world(views), **self._options(views, props))[..., None]
 
-    def render(self, views: Views) -> np.ndarray:
-        """Return new frames [M, H, W, 4] uint8 of the views."""
+    def render(self, views: Views, props: np.ndarray | None = None) -> np.ndarray:
+        """Return new frames [M, H, W, 4] uint8 of the views; props [M, P, 6]: the objects of a task in each."""
         out = np.empty((len(views.pose), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
-        if self.randomisation is None:
-            return self._drawer().render(views.pose, views.world, views.time_s, out)
-        lit_world = views.world * self.lights + views.sun
-        return self._drawer().render(views.pose, lit_world, views.time_s, out, look=views.look)
+        world = self._lit_world(views)
+        return self._drawer().render(views.pose, world, views.time_s, out, **self._options(views, props))
+
+    def _lit_world(self, views: Views) -> np.ndarray:
+        """Return the index [M] of the world of each view in its light."""
+        return views.world if self.randomisation is None else views.world * self.lights + views.sun
+
+    def _options(self, views: Views, props: np.ndarray | None) -> dict[str, np.ndarray]:
+        """Return what is given to the renderer by name: only what there is, as another renderer may know less."""
+        looks = {} if self.randomisation is None else {"look": views.look}
+        return looks if props is None else {**looks, "props": props}
 
     def _drawer(self) -> Any:
         """Return the renderer, which is created when it is first needed."""

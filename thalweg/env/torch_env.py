@@ -27,13 +27,16 @@ from thalweg.env.frame_renderer import lights_per_world, relit_worlds
 from thalweg.env.initial_poses import random_start
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.snapshot import StateError, env_identity, fingerprints
-from thalweg.env.spaces import ActionError, action_space, observation_space, to_unit_actions
+from thalweg.env.spaces import FORWARD, ActionError, action_space, observation_space, to_unit_actions
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
-from thalweg.env.task.ideal_eye import features_of, see_all
-from thalweg.env.task.rules import Outcome, State, empty_outcome, empty_state
+from thalweg.env.task.ideal_eye import see_all
+from thalweg.env.task.priced.eye import features_of, see_all_in_task
+from thalweg.env.task.priced.props import all_props
+from thalweg.env.task.rules import TASK_STATE, Outcome, State, empty_outcome, empty_state
 from thalweg.env.vehicle.boat_eye import see_boats
 from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.props import PROP_COLUMNS
 from thalweg.world.record import World
 
 LOOKS = 4096
@@ -48,10 +51,10 @@ class TensorRiverEnv:
     """N environments over one or several worlds on one device; environment i flies in world i % len(worlds).
 
     `info` belongs to the action just taken: `cost` [N], `costs` [N, K] by kind (`cost_kinds`), `done_reason` [N],
-    `progress` [N] (share of segments visited) and `pose` [N, 4]. With `EnvConfig.critic_info`, `critic_obs` [N, C]
-    float32 belongs to the state that the observation shows, see `thalweg.env.task.critic_info`. Environment i is seeded
-    with seed + i, so that its episodes do not depend on the number of environments. Rewards, costs and poses are
-    float64.
+    `progress` [N] (share of segments visited, of `Portage` that of the greatest way to the station) and `pose` [N, 4].
+    With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs to the state that the observation shows, see
+    `thalweg.env.task.critic_info`. Environment i is seeded with seed + i, so that its episodes do not depend on the
+    number of environments. Rewards, costs and poses are float64.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
@@ -100,11 +103,11 @@ class TensorRiverEnv:
 
         size = config.camera.height_px, config.camera.width_px
         self.single_action_space = action_space(config.action)
-        self.single_observation_space = observation_space(config.observation, *size, config.vehicle)
+        self.single_observation_space = observation_space(config.observation, *size, config.task, config.vehicle)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         if config.critic_info:
-            self.single_critic_space = critic_space(config.observation, config.vehicle)
+            self.single_critic_space = critic_space(config.observation, config.task, config.vehicle)
 
     def _draw_looks(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the looks [LOOKS, P] of the randomisation and the light [LOOKS] of each; one of each without it."""
@@ -126,9 +129,12 @@ class TensorRiverEnv:
         counters["ended"] = np.ones(self.num_envs, np.uint8)
         self._tensors = {name: self._tensor(values) for name, values in {**state, **outcome, **counters}.items()}
         """Everything that a step reads and changes."""
-        self._state_names = (*state, *counters)
+        kept = [name for name in state if self.config.task != "River" or name not in TASK_STATE]
+        self._state_names = (*kept, *counters)
         """Names of the tensors that the future depends on."""
         self._segments = self._tensor(courses.segments[self.world_index])
+        greatest = np.where(courses.closed != 0, 0.5, 1.0) * courses.length
+        self._greatest_way = self._tensor(greatest[self.world_index])
         self._max_steps = self._tensor(courses.max_steps[self.world_index])
         arrays = {name: self._array(tensor) for name, tensor in self._tensors.items()}
         self._courses = CourseArrays(*(self._array(self._tensor(values)) for values in courses))
@@ -221,10 +227,16 @@ class TensorRiverEnv:
 
     @cached_property
     def _seen(self) -> Tensor:
-        """What the ideal eye sees [N, FEATURES] float32; memory that `_see` fills again and again."""
-        return torch.zeros(
-            self.num_envs, len(features_of(self.config.vehicle)), dtype=torch.float32, device=self.device
-        )
+        """What the ideal eye sees [N, F] float32; memory that `_see` fills again and again."""
+        features = len(features_of(self.config.task, self.config.vehicle))
+        return torch.zeros(self.num_envs, features, dtype=torch.float32, device=self.device)
+
+    @cached_property
+    def _props(self) -> Tensor | None:
+        """Objects [N, P, 6] float32 of the task about each vehicle, drawn with the frames; None without any."""
+        most = self.config.task_record.props
+        shape = self.num_envs, most, PROP_COLUMNS
+        return torch.zeros(shape, dtype=torch.float32, device=self.device) if most else None
 
     @cached_property
     def _renderer(self) -> Any:
@@ -257,7 +269,8 @@ class TensorRiverEnv:
         if not isinstance(actions, Tensor):
             raise ActionError(f"actions are a tensor on {self.device}, not {type(actions).__name__}")
         if self.device.type == "cpu" and actions.device.type == "cpu":
-            return torch.from_numpy(to_unit_actions(self.config.action, actions.detach().numpy(), self.num_envs))
+            given = actions.detach().numpy()
+            return torch.from_numpy(to_unit_actions(self.config.action, given, self.num_envs, self.config.fast_ratio))
         if actions.shape != (self.num_envs, 4) or actions.device != self.device:
             raise ActionError(
                 f"actions have shape {tuple(actions.shape)} on {actions.device};"
@@ -267,7 +280,13 @@ class TensorRiverEnv:
         if self.config.action == "multidiscrete" and not integers:
             raise ActionError(f"actions have type {actions.dtype}; multidiscrete actions are integers 0, 1 or 2")
         units = actions.detach().double()
-        return (1.0 - units if self.config.action == "multidiscrete" else units).clamp(-1.0, 1.0).contiguous()
+        if self.config.action == "multidiscrete":
+            return (1.0 - units).clamp(-1.0, 1.0).contiguous()
+        units = units.clamp(-1.0, 1.0)
+        if ratio := self.config.fast_ratio:
+            share = units[:, FORWARD].clamp(min=0.0)
+            units[:, FORWARD] = torch.where(share * ratio <= 1.0, share * ratio, -share)
+        return units.contiguous()
 
     def _observations(self) -> Any:
         """Return the observations of the current state, in the buffer whose turn it is."""
@@ -281,29 +300,46 @@ class TensorRiverEnv:
         tensors, look = self._tensors, self._tensors["look"]
         lit_world = tensors["world"] * self._lights + self._look_lights[look]
         views = lit_world, tensors["pose"], tensors["time_s"], self._look_rows[look]
-        self._renderer.render_tensors(views, frames)
+        if self._props is None:
+            self._renderer.render_tensors(views, frames)
+        else:
+            self._run("props", all_props, self._arguments_of_props)
+            self._renderer.render_tensors(views, frames, self._props)
         if kind == "dict":
             return {"rgb": frames[..., :3], "mask": frames[..., 3:]}
         return frames[..., :3] if kind == "rgb" else frames
 
     def _see(self) -> Tensor:
-        """Return what the ideal eye sees [N, FEATURES] float32."""
-        if self.device.type == "cpu":
-            see_all(*self._arguments_of_see())
-            if self.config.limits.is_boat:
-                see_boats(*self._arguments_of_see_boats())
+        """Return what the ideal eye sees [N, F] float32."""
+        if self.config.task == "River":
+            self._run("see", see_all, self._arguments_of_see)
         else:
-            from thalweg.env.device import cuda_step
-
-            self._launch("see", cuda_step.see, self._arguments_of_see)
-            if self.config.limits.is_boat:
-                self._launch("see boats", cuda_step.see_boats, self._arguments_of_see_boats)
+            self._run("see_in_task", see_all_in_task, self._arguments_of_see)
+        if self.config.limits.is_boat:
+            self._run("see_boats", see_boats, self._arguments_of_see_boats)
         return self._seen.clone()
 
+    def _run(self, name: str, on_the_cpu: Callable[..., None], arguments: Callable[[], tuple[Any, ...]]) -> None:
+        """Run a function of the CPU, or launch the kernel of this name of `cuda_step`, which does the same."""
+        if self.device.type == "cpu":
+            on_the_cpu(*arguments())
+            return
+        from thalweg.env.device import cuda_step
+
+        self._launch(name, getattr(cuda_step, name), arguments)
+
     def _arguments_of_see(self) -> tuple[Any, ...]:
-        """Return the arguments of `see_all`."""
-        state = (self._array(self._tensors[name]) for name in ("world", "pose", "segment", "travel"))
-        return self._courses, self.config.limits.max_height, *state, self._array(self._seen)
+        """Return the arguments of `see_all`, or of `see_all_in_task`."""
+        names, limits = ["world", "pose", "segment", "travel"], self.config.limits.max_height
+        if self.config.task != "River":
+            names, limits = [*names, "steps", "scene", "station"], self.config.limits
+        return self._courses, limits, *(self._array(self._tensors[name]) for name in names), self._array(self._seen)
+
+    def _arguments_of_props(self) -> tuple[Any, ...]:
+        """Return the arguments of `all_props`."""
+        assert self._props is not None
+        state = (self._array(self._tensors[name]) for name in ("world", "pose", "steps", "scene", "station"))
+        return self._courses, self.config.limits, *state, self._array(self._props)
 
     def _arguments_of_see_boats(self) -> tuple[Any, ...]:
         """Return the arguments of `see_boats`."""
@@ -317,10 +353,16 @@ class TensorRiverEnv:
             "cost": tensors["costs"].sum(1),
             "costs": tensors["costs"].clone(),
             "done_reason": tensors["reason"].clone(),
-            "progress": tensors["visited_count"] / self._segments,
+            "progress": self._progress(),
             "pose": tensors["pose"].clone(),
             **told,
         }
+
+    def _progress(self) -> Tensor:
+        """Return the share [N] of the course that was visited, or that was gained towards the station."""
+        if self.config.task_record.portage:
+            return (1.0 - self._tensors["way"] / self._greatest_way).clamp(0.0, 1.0)
+        return self._tensors["visited_count"] / self._segments
 
     def _critic_obs(self) -> Tensor:
         """Return what critics may see beside the observations of the current state [N, C] float32."""
@@ -328,7 +370,7 @@ class TensorRiverEnv:
         told = torch.empty(self.num_envs, *self.single_critic_space.shape, dtype=torch.float32, device=self.device)
         write_progress(
             told,
-            (tensors["visited_count"], self._segments),
+            (self._progress(), 1.0),
             (tensors["idle"], self.config.max_idle_steps),
             (tensors["steps"], self._max_steps),
         )

@@ -32,12 +32,25 @@ from thalweg.env.spaces import (
 )
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
-from thalweg.env.task.ideal_eye import features_of, see_all
-from thalweg.env.task.rules import afloat, clear_outcome, empty_outcome, empty_state, pose_of, step_all
+from thalweg.env.task.ideal_eye import see_all
+from thalweg.env.task.priced.eye import features_of, see_all_in_task
+from thalweg.env.task.priced.props import props_in
+from thalweg.env.task.rules import (
+    TASK_STATE,
+    afloat,
+    begin_task,
+    clear_outcome,
+    empty_outcome,
+    empty_state,
+    pose_of,
+    step_all,
+)
 from thalweg.env.vehicle.boat_eye import see_boats
 from thalweg.world.record import World
 
 RESET_OPTIONS = ("pose", "reset_mask")
+LARGEST_SCENE = 2**62
+"""Seeds of what moves in an episode are below this number."""
 
 
 class RiverVectorEnv(VectorEnv):
@@ -48,11 +61,12 @@ class RiverVectorEnv(VectorEnv):
     background; `info["river"]` [N] is the index of the river in the list.
 
     In every autoreset mode, `info` belongs to the action just taken: `cost` [N], `costs` [N, K] by kind
-    (`cost_kinds`: tight, loose, and for a boat shallow), `done_reason` [N], `progress` [N] (share of segments visited)
-    and `pose` [N, 4]. `final_obs` and `final_info` are as Gymnasium defines them. With `EnvConfig.critic_info`,
-    `critic_obs` [N, C] float32 belongs to the state that the observation shows, see `thalweg.env.task.critic_info`;
-    after an automatic reset in the same step, that of the last state is in `final_info`. Environment i has a random
-    generator of its own, seeded with seed + i, so that its episodes do not depend on the number of environments.
+    (`cost_kinds`: tight, loose, that of the task, and shallow for a boat), `done_reason` [N], `progress` [N] (share of
+    segments visited, of `Portage` that of the greatest way to the station) and `pose` [N, 4]. `final_obs` and
+    `final_info` are as Gymnasium defines them. With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs to the
+    state that the observation shows, see `thalweg.env.task.critic_info`; after an automatic reset in the same step,
+    that of the last state is in `final_info`. Environment i has a random generator of its own, seeded with seed + i, so
+    that its episodes do not depend on the number of environments.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -124,12 +138,12 @@ class RiverVectorEnv(VectorEnv):
 
         self.single_action_space = action_space(config.action)
         self.single_observation_space = observation_space(
-            config.observation, self.camera.height_px, self.camera.width_px, config.vehicle
+            config.observation, self.camera.height_px, self.camera.width_px, config.task, config.vehicle
         )
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         if config.critic_info:
-            self.single_critic_space = critic_space(config.observation, config.vehicle)
+            self.single_critic_space = critic_space(config.observation, config.task, config.vehicle)
 
     @property
     def courses(self) -> CourseArrays:
@@ -175,7 +189,7 @@ class RiverVectorEnv(VectorEnv):
         Raises `ActionError` before anything changes, and `gymnasium.error.ResetNeeded` if an environment must be reset
         first.
         """
-        unit_actions = to_unit_actions(self.config.action, actions, self.num_envs)
+        unit_actions = to_unit_actions(self.config.action, actions, self.num_envs, self.config.fast_ratio)
         if not self._started.all():
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         mode = self.autoreset_mode
@@ -205,7 +219,8 @@ class RiverVectorEnv(VectorEnv):
         return self._observe(self.frames.views(self.state))
 
     def ideal_eye(self) -> np.ndarray:
-        """Return what the ideal eye sees of the current state [N, FEATURES] float32, whatever is observed."""
+        """Return what the ideal eye sees of the current state [N, F] float32, whatever is observed; its F numbers are
+        `thalweg.env.task.priced.eye.features_of` the task."""
         return self._see(self.frames.views(self.state))
 
     def draw(self, river: np.ndarray, views: Views) -> np.ndarray:
@@ -227,12 +242,18 @@ class RiverVectorEnv(VectorEnv):
         self._rendered = None
         return drawn
 
+    def props(self) -> np.ndarray | None:
+        """Return the objects [N, P, 6] of the task about each vehicle, as `thalweg.render.records.props`; None in a
+        task without any."""
+        return self._props(self.frames.views(self.state))
+
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return the frames of the current state, N of [H, W, 3] uint8, or None without a render mode."""
         if self.render_mode is None:
             return None
         if self._rendered is None:
-            self._rendered = self.frames.render(self.frames.views(self.state))[..., :3].copy()
+            views = self.frames.views(self.state)
+            self._rendered = self.frames.render(views, self._props(views))[..., :3].copy()
         return tuple(frame.copy() for frame in self._rendered)
 
     def pilot_actions(self, pilot: str = "scripted") -> np.ndarray:
@@ -240,7 +261,7 @@ class RiverVectorEnv(VectorEnv):
         `steady`, whose moves can be read off the frames. Raises `ConfigError` for another one, and
         `gymnasium.error.ResetNeeded` before the first reset."""
         chosen, state = self._pilot(pilot)
-        return from_unit_actions(self.config.action, chosen.unit_actions(state))
+        return from_unit_actions(self.config.action, chosen.unit_actions(state), self.config.fast_ratio)
 
     def move_worths(self) -> np.ndarray:
         """Return the worths [N, M] of all `thalweg.env.pilot.steady.MOVES` in the current state, as the steady pilot
@@ -265,6 +286,9 @@ class RiverVectorEnv(VectorEnv):
         """Return copies of everything that the future depends on, random generators included."""
         arrays = snapshot.copy_state(self.state, self.generators, self._started, self._ended, self._identity)
         del arrays["world"]
+        if self.config.task == "River":  # as states were before there were other tasks
+            for name in TASK_STATE:
+                del arrays[name]
         looks = {"look": self.frames.look.copy(), "sun": self.frames.sun.copy()}
         return {**arrays, **self.rivers.state(), **looks}
 
@@ -346,6 +370,9 @@ class RiverVectorEnv(VectorEnv):
         state.visited[row] = 0
         state.visited_count[row] = state.steps[row] = state.idle[row] = 0
         state.time_s[row] = time_s
+        if self.config.task != "River":
+            scene = int(generator.integers(LARGEST_SCENE)) if self.courses.swimmers[world] else 0
+            begin_task(row, self.courses, self.limits, state, projection, scene)
         self.frames.draw_look(row, "episode", generator)
         self._started[row] = True
         self._ended[row] = False
@@ -380,7 +407,7 @@ class RiverVectorEnv(VectorEnv):
             "cost": outcome.costs.sum(axis=1),
             "costs": outcome.costs.copy(),
             "done_reason": outcome.reason.copy(),
-            "progress": state.visited_count / self.courses.segments[self.world_index],
+            "progress": self._progress(),
             "pose": state.pose.copy(),
         }
         if isinstance(self.rivers, DrawnRivers):
@@ -388,6 +415,14 @@ class RiverVectorEnv(VectorEnv):
         if self.config.critic_info:
             info["critic_obs"] = self._critic_obs()
         return info | {f"_{key}": mask.copy() for key in info}
+
+    def _progress(self) -> np.ndarray:
+        """Return the share [N] of the course that was visited, or that was gained towards the station."""
+        state, courses, world = self.state, self.courses, self.world_index
+        if self.config.task_record.portage:
+            greatest = np.where(courses.closed[world] != 0, 0.5, 1.0) * courses.length[world]
+            return np.clip(1.0 - state.way / greatest, 0.0, 1.0)
+        return state.visited_count / courses.segments[world]
 
     def _observe(self, views: Views) -> Any:
         """Return the observations [M, ...] of M views, of which the first N are those of the current state."""
@@ -398,19 +433,29 @@ class RiverVectorEnv(VectorEnv):
             return self._see(views)
         if self.config.observation == "mask":
             # Colours are drawn only if `render` asks for them.
-            return self.frames.render_masks(views)
-        frames = self.frames.render(views)
+            return self.frames.render_masks(views, self._props(views))
+        frames = self.frames.render(views, self._props(views))
         if self.render_mode is not None:
             self._rendered = frames[: self.num_envs, ..., :3].copy()
         return frames_to_observations(self.config.observation, frames)
 
     def _see(self, views: Views) -> np.ndarray:
-        """Return what the ideal eye sees [M, FEATURES] float32."""
-        seen = np.empty((len(views.pose), len(features_of(self.config.vehicle))), np.float32)
-        see_all(self.courses, self.limits.max_height, views.world, views.pose, views.segment, views.travel, seen)
+        """Return what the ideal eye sees [M, F] float32."""
+        features = len(features_of(self.config.task, self.config.vehicle))
+        seen = np.empty((len(views.pose), features), np.float32)
+        at = views.world, views.pose, views.segment, views.travel
+        if self.config.task == "River":
+            see_all(self.courses, self.limits.max_height, *at, seen)
+        else:
+            see_all_in_task(self.courses, self.limits, *at, views.steps, views.scene, views.station, seen)
         if self.limits.is_boat:
             see_boats(self.courses, self.limits, views.world, views.pose, seen)
         return seen
+
+    def _props(self, views: Views) -> np.ndarray | None:
+        """Return the objects [M, P, 6] of the task in each view, None in a task without any."""
+        at = views.world, views.pose, views.steps, views.scene, views.station
+        return props_in(self.courses, self.config, at)
 
     def _critic_obs(self) -> np.ndarray:
         """Return what critics may see beside the observations of the current state [N, C] float32."""
@@ -419,7 +464,7 @@ class RiverVectorEnv(VectorEnv):
         told = np.empty((self.num_envs, count), np.float32)
         write_progress(
             told,
-            (state.visited_count, courses.segments[self.world_index]),
+            (self._progress(), 1.0),
             (state.idle, self.config.max_idle_steps),
             (state.steps, courses.max_steps[self.world_index]),
         )

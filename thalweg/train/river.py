@@ -23,7 +23,7 @@ from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import CHANNELS
-from thalweg.env.task.ideal_eye import features_of
+from thalweg.env.task.priced.eye import features_of
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, read_config
@@ -84,14 +84,19 @@ def observation_of(policy: Any) -> str:
     return found
 
 
+def task_of(policy: Any) -> str:
+    """Return the task that a policy was trained on, that of the paper if it does not say it."""
+    return _context_of(policy).get("env", {}).get("task", "River")
+
+
 def check_policy_fits(
-    policy: Any, encoder: Encoder | None, *, offered: str | None = None, vehicle: str = "uav"
+    policy: Any, encoder: Encoder | None, *, offered: str | None = None, task: str = "River", vehicle: str = "uav"
 ) -> None:
     """Raise `TrainingError` unless a policy fits an observation and the actions of the river task.
 
     The observation is the codes of the encoder. For None it is `offered`, by default images for a policy of images, and
-    the privileged observation for any other. A policy without spaces, such as a baseline, always fits. `vehicle` is
-    that of `EnvConfig`, which must be the one that the policy was trained for.
+    the privileged observation, which differs by `task` and `vehicle`, for any other. A policy without spaces, such as a
+    baseline, always fits. The vehicle must be the one that the policy was trained for.
     """
     context, seen = _context_of(policy), observation_of(policy)
     if encoder is not None:
@@ -107,7 +112,7 @@ def check_policy_fits(
     trained_for = context.get("env", {}).get("vehicle", "uav")
     if context and trained_for != vehicle:
         raise TrainingError(f"the policy was trained for the vehicle {trained_for}, not {vehicle}")
-    _check_inputs(policy, offered, encoder, vehicle)
+    _check_inputs(policy, offered, encoder, (task, vehicle))
     actions: Actions | None = getattr(policy, "actions", None)
     if actions is not None and (actions.sizes, actions.start, actions.shape) != (BRANCHES, (0, 0, 0, 0), (4,)):
         found = f"{actions.sizes} from {actions.start}" if actions.sizes else f"a Box of shape {actions.shape}"
@@ -128,11 +133,13 @@ def _check_versions(seen: str, context: dict[str, Any]) -> None:
             f"the policy was trained on version {made_with} of the privileged observation, but this is version"
             f" {versions.PRIVILEGED}; train it again"
         )
-    if seen == PRIVILEGED and (made_with := context.get("vehicles_version", versions.VEHICLES)) != versions.VEHICLES:
-        raise TrainingError(
-            f"the policy was trained on version {made_with} of the boat, but this is version {versions.VEHICLES};"
-            " train it again"
-        )
+    for name, kept in (("tasks", versions.TASKS), ("vehicles", versions.VEHICLES)):
+        trained_on = context.get(f"{name}_version", kept)
+        if trained_on != kept:
+            raise TrainingError(
+                f"the policy was trained on version {trained_on} of the {name}, but this is version {kept}; train it"
+                " again"
+            )
     drawn_with = context.get("render_version")
     if seen in IMAGES and drawn_with != RENDER_VERSION:
         raise TrainingError(
@@ -141,14 +148,14 @@ def _check_versions(seen: str, context: dict[str, Any]) -> None:
         )
 
 
-def _check_inputs(policy: Any, offered: str, encoder: Encoder | None, vehicle: str) -> None:
+def _check_inputs(policy: Any, offered: str, encoder: Encoder | None, of: tuple[str, str]) -> None:
     """Raise `TrainingError` unless a policy takes as many numbers, or images of the shape, that it is offered."""
     if offered in IMAGES:
         camera = DEFAULT_CONFIG.camera
         needed = (camera.height_px, camera.width_px, CHANNELS[offered])
         offers = f"{IN_WORDS[offered]} have the shape"
     elif encoder is None:
-        needed, offers = len(features_of(vehicle)), "privileged observation has"
+        needed, offers = len(features_of(*of)), f"privileged observation of the task {of[0]} has"
     else:
         needed, offers = encoder.latent, "encoder returns"
     takes = _image_of(policy) or getattr(policy, "obs_size", needed)
@@ -343,7 +350,8 @@ class RiverTraining:
         existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
         if begun is not None:
-            check_policy_fits(begun, encoder, offered=seen, vehicle=self.config.vehicle)
+            rules = self.config
+            check_policy_fits(begun, encoder, offered=seen, task=rules.task, vehicle=rules.vehicle)
         device = resolve_device(device)
         if seen in IMAGES and device != "cpu":
             raise TrainingError(f"policy=cnn learns on the CPU only, not on {device}: leave the device out")
@@ -372,15 +380,16 @@ class RiverTraining:
 
     def _context(self, seen: str, encoder: Encoder | None) -> dict[str, Any]:
         """Return what the policy file and config.yaml say about rivers, observation and rules."""
+        tasks = {} if self.config.task == "River" else {"tasks_version": versions.TASKS}
         if encoder is not None:
             codes = {"encoder": encoder_hash(encoder), "render_version": RENDER_VERSION}
-            return {**self.about(), **codes, "env": self.config.as_data()}
+            return {**self.about(), **codes, **tasks, "env": self.config.as_data()}
         version = {"privileged_version": versions.PRIVILEGED}
         if seen in IMAGES:
             version = {"render_version": RENDER_VERSION}
         elif self.config.vehicle != "uav":
             version["vehicles_version"] = versions.VEHICLES
-        return {**self.about(), "observation": seen, **version, "env": self._config_of(seen).as_data()}
+        return {**self.about(), "observation": seen, **version, **tasks, "env": self._config_of(seen).as_data()}
 
     def _config_of(self, seen: str) -> EnvConfig:
         return self.config.with_options(observation=seen)

@@ -39,6 +39,12 @@ def test_it_takes_its_way_round_shoals_rocks_and_below_a_bridge():
     assert costs.tolist() == [0.0] * 4 and (reasons == DoneReason.SUCCESS).all()
 
 
+def test_it_pays_for_a_ford_where_there_is_no_way_round():
+    world = basin(lambda x, y: np.where(np.abs(x - 20.0) < 2.0, 0.37, 1.5), length_m=40.0)
+    _, costs, reasons = voyages([world], 1, np.array([[4.0, 0.0, 0.0, 0.0]]))
+    assert reasons[0] == DoneReason.SUCCESS and 0.5 < costs[0] < 5.0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("level", ["Easy", "Medium-Deep", "Hard-Deep"])
 def test_it_earns_all_there_is_at_no_cost(level: str):

@@ -10,7 +10,8 @@ from tests.env.vehicle.reference_boat import ReferenceBoat
 from thalweg import BOAT_IDS, make_torch
 from thalweg.env import ConfigError, DoneReason, EnvConfig, RiverVectorEnv, StateError, UnsafePoseError, sample_starts
 from thalweg.env.rivers.river_list import RiverList
-from thalweg.env.task.ideal_eye import FEATURES, features_of
+from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.env.task.priced.eye import features_of
 from thalweg.env.vehicle.boat import Boat, BoatError
 from thalweg.world import World, level_named, load_or_build
 
@@ -188,7 +189,7 @@ def test_a_torch_environment_takes_the_same_steps(easy_world: World):
     seen, info = tensors.reset(seed=1)
     env = RiverVectorEnv([easy_world], 4, config, autoreset_mode="next_step")
     expected, _ = env.reset(seed=0, options={"pose": info["pose"].numpy()})
-    assert np.array_equal(seen.numpy(), expected) and seen.shape == (4, len(features_of("asv")))
+    assert np.array_equal(seen.numpy(), expected) and seen.shape == (4, len(features_of("River", "asv")))
     rng = np.random.default_rng(1)
     running = np.ones(4, bool)
     for _ in range(40):
@@ -215,13 +216,15 @@ def test_the_data_and_numbers_of_the_uav_know_no_boat():
     assert not {"vehicle", "boat"} & set(EnvConfig().as_data())
     assert CONFIG.as_data()["boat"]["draught_m"] == 0.32 and CONFIG.as_data()["vehicle"] == "asv"
     assert EnvConfig().limits[:12] == EnvConfig(vehicle="asv").limits[:12]
-    assert features_of("uav") == FEATURES and features_of("asv")[: len(FEATURES)] == FEATURES
+    assert features_of("River") == FEATURES and features_of("River", "asv")[: len(FEATURES)] == FEATURES
     assert EnvConfig().cost_kinds == ("tight", "loose")
 
 
 def test_wrong_values_are_named():
     with pytest.raises(BoatError, match="draught_m must be a finite number above 0"):
         Boat(draught_m=0.0)
+    with pytest.raises(ConfigError, match="task must be River for the vehicle asv, got 'Portage'"):
+        EnvConfig(vehicle="asv", task="Portage")
     with pytest.raises(ConfigError, match="vehicle must be one of 'uav', 'asv'"):
         EnvConfig(vehicle="ship")  # pyright: ignore[reportArgumentType]
     env = voyage(basin())

@@ -5,12 +5,12 @@ import pytest
 
 from tests.env.vehicle.basins import arch_at, basin
 from thalweg.env import EnvConfig, RiverVectorEnv
-from thalweg.env.task.ideal_eye import features_of
+from thalweg.env.task.priced.eye import features_of
 from thalweg.env.vehicle.soundings import half_opening
 from thalweg.world.bridges import Bridge
 from thalweg.world.record import World
 
-NAMES = features_of("asv")
+NAMES = features_of("River", "asv")
 
 
 def seen(world: World, pose: list[float]) -> dict[str, float]:

@@ -52,11 +52,16 @@ def refused(world, config: EnvConfig = CONFIG) -> str:
 def test_a_river_that_is_too_shallow_is_refused_with_the_reach():
     message = refused(basin(lambda x, y: np.where(np.abs(x - 40.0) < 3.0, 0.2, 1.5)))
     assert message.startswith("the boat (2 m by 1.08 m, draught 0.32 m) does not fit handmade-0: at arc 3")
-    assert "10.0 m wide" in message and "at most 0.20 m of water under all of the hull" in message
+    assert "10.0 m wide" in message and "at most 0.200 m of water under all of the hull" in message
 
 
 def test_a_river_that_is_too_narrow_is_refused():
     assert "does not fit" in refused(basin(width_m=2.0, length_m=30.0), EnvConfig(vehicle="asv", boat=Boat(beam_m=2.6)))
+
+
+def test_a_river_whose_lane_is_narrower_than_a_step_aside_is_refused():
+    gap = basin(lambda x, y: np.where((np.abs(x - 30.0) < 3.0) & (np.abs(y) > 0.7), 0.2, 1.5))
+    assert "the lane that is deep and free enough is narrower than a step aside" in refused(gap)
 
 
 def test_a_bridge_that_leaves_no_passage_is_refused():

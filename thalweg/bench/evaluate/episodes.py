@@ -9,12 +9,17 @@ from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
 from thalweg.core.atomic_io import write_atomic
 from thalweg.env import DoneReason
 
-REASONS = tuple(reason.label for reason in DoneReason if reason >= 0)
+ALL_REASONS = tuple(reason.label for reason in DoneReason if reason >= 0)
 """Reasons for the end of an episode, in the order of the codes of `thalweg.env.DoneReason`."""
+REASONS = tuple(reason for reason in ALL_REASONS if reason != DoneReason.COST_INCURRED.label)
+"""Those of the paper, which the tables and figures of reports count."""
 REASON_TEXT = dict(
     zip(
-        REASONS,
-        ("collision", "left the river", "too low or high", "faced backwards", "idle", "out of steps", "success"),
+        ALL_REASONS,
+        (
+            *("collision", "left the river", "too low or high", "faced backwards", "idle", "out of steps", "success"),
+            "incurred a cost",
+        ),
         strict=True,
     )
 )
@@ -47,10 +52,10 @@ class Episode:
     length: int
     """Number of steps."""
     reason: str
-    """One of `REASONS`."""
+    """One of `ALL_REASONS`."""
     success: bool
     progress: float
-    """Share of the course's segments that were visited."""
+    """As `info["progress"]` at its end."""
     end_x: float = float("nan")
     """End position in metres; NaN in results from before it was recorded."""
     end_y: float = float("nan")
@@ -90,7 +95,7 @@ def read_episodes(path: Path) -> list[Episode]:
         except ValueError as error:
             raise ResultsError(f"{path.name} line {number}: {error}") from error
         episode = Episode(*values)
-        if episode.reason not in REASONS:
+        if episode.reason not in ALL_REASONS:
             raise ResultsError(f"{path.name} line {number}: unknown reason {episode.reason!r}")
         for name, value in (("return", episode.return_), ("cost", episode.cost)):
             if not isfinite(value):

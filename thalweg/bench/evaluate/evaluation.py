@@ -15,13 +15,14 @@ import torch
 from thalweg.algos.policy.policy import Player
 from thalweg.bench.evaluate.baselines import DRAWN, Policy, RecurrentPolicy, Sight, sight_of
 from thalweg.bench.evaluate.course import DEFAULT_EVALUATION, Course, EvaluationConfig
-from thalweg.bench.evaluate.episodes import END_COLUMNS, REASONS, Episode
+from thalweg.bench.evaluate.episodes import ALL_REASONS, END_COLUMNS, Episode
 from thalweg.bench.evaluate.shielded import FlightShield, check_shield
 from thalweg.core.compute.device import resolve_device
 from thalweg.encoder import Encoder
 from thalweg.env import RiverVectorEnv
 from thalweg.env.pilot.in_rivers import PILOTS
 from thalweg.env.spaces import CHANNELS
+from thalweg.env.task.counter_random import scene_of
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.train.river import observation_of
@@ -49,6 +50,8 @@ class Step:
     """[K] float64."""
     returns: np.ndarray
     """[K] float64, returns so far."""
+    props: np.ndarray | None = None
+    """[K, P, 6] float32, the objects of the task in each view (`thalweg.render.records.props`); None without any."""
     waiting: int = 0
     """Number of episodes on other rivers that have not started."""
 
@@ -152,7 +155,8 @@ def _frames_of(
         size = len(rows), camera.height_px, camera.width_px, channels
         frames = torch.empty(size, dtype=torch.uint8, device=device)
         views = tuple(torch.from_numpy(np.ascontiguousarray(array)).to(device) for array in arrays)
-        renderer.render_tensors(views, frames)
+        props = {} if step.props is None else {"props": torch.from_numpy(step.props).to(device)}
+        renderer.render_tensors(views, frames, **props)
         return frames
 
     return draw
@@ -190,7 +194,9 @@ def evaluate(
     actions = np.ones((len(course.starts), 4), dtype=np.int64)
     while len(flying := np.flatnonzero(totals.reason < 0)):
         state = env.get_state()
-        step = Step(flying, state["pose"][flying], state["time_s"][flying], totals.return_[flying])
+        props = env.props() if config.env.task_record.props else None
+        seen = None if props is None else props[flying]
+        step = Step(flying, state["pose"][flying], state["time_s"][flying], totals.return_[flying], seen)
         if on_step is not None:
             on_step(step)
         if sees in (*DRAWN, "privileged") and observe is not None:
@@ -231,6 +237,9 @@ def _make_env(course: Course, config: EvaluationConfig, sees: Sight) -> RiverVec
     env.reset(seed=config.starts_seed, options={"pose": course.starts})
     state = env.get_state()
     state["time_s"] = course.clocks_s.copy()
+    if "scene" in state:  # what moves belongs to the start, whichever others are flown beside it
+        moves = env.courses.swimmers[env.world_index] > 0
+        state["scene"] = np.where(moves, [scene_of(config.starts_seed, index) for index in course.indices], 0)
     env.set_state(state)
     return env
 
@@ -270,8 +279,8 @@ class _EpisodeTotals:
                 tight=float(self.costs[index, 0]),
                 loose=float(self.costs[index, 1]),
                 length=int(self.length[index]),
-                reason=REASONS[self.reason[index]],
-                success=REASONS[self.reason[index]] == "Success",
+                reason=ALL_REASONS[self.reason[index]],
+                success=ALL_REASONS[self.reason[index]] == "Success",
                 progress=float(self.progress[index]),
                 **dict(zip(END_COLUMNS, map(float, self.ends[index]), strict=True)),
             )

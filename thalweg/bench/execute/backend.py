@@ -20,6 +20,7 @@ from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
+from thalweg.env import EnvConfig
 from thalweg.train import load_policy
 from thalweg.train.river import RiverTraining, check_policy_fits, load_compatible_encoder, observation_of
 
@@ -35,6 +36,7 @@ def installed_versions() -> dict[str, int | None]:
         "world": versions.WORLD,
         "render": versions.RENDER,
         "rules": versions.RULES,
+        "tasks": versions.TASKS,
         "privileged": versions.PRIVILEGED,
         "training": versions.TRAINING,
         "evaluation": versions.EVALUATION,
@@ -83,8 +85,8 @@ class RiverBackend:
 
     def config(self, trial: Trial) -> EvaluationConfig:
         """Return the configuration of a trial's evaluation."""
-        suite = self.suite
-        return EvaluationConfig(suite.episodes, suite.starts_seed, trial.condition.deterministic)
+        suite, rules = self.suite, EnvConfig(observation="none", task=self.suite.task)
+        return EvaluationConfig(suite.episodes, suite.starts_seed, trial.condition.deterministic, rules)
 
     def courses(self, trial: Trial, *, drawn: bool = True) -> list[Course]:
         """Return the rivers of a trial and the starts on each; levels' rivers without land if nothing is `drawn`."""
@@ -106,7 +108,7 @@ class RiverBackend:
 
     def _train(self, run: Run, stage: Stage | Arm, level: str, folder: Path, begin_with: Path | None) -> None:
         seeds = self.suite.seeds_of(self.suite.arm(run.algorithm), stage)
-        RiverTraining(level, self.suite.num_envs, seeds).train(
+        RiverTraining(level, self.suite.num_envs, seeds, EnvConfig(task=self.suite.task)).train(
             stage.algorithm,
             self.encoder if self.suite.observation_of(run) == "frames" else None,
             steps=stage.steps,
@@ -127,7 +129,7 @@ class RiverBackend:
         """Return the observation function for each course; None for a policy for which nothing is drawn."""
         sees = sight_of(policy)
         encoder = self.encoder if sees == "frames" else None
-        check_policy_fits(policy, encoder)
+        check_policy_fits(policy, encoder, task=self.suite.task)
         shielded = trial.condition.shield
         if shielded:
             check_masks(policy, encoder)

@@ -16,6 +16,7 @@ from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, NAME, SHIELDED, Condition, Trial
 from thalweg.core.config import TupleOf, WholeNumber, frozen_config, to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
+from thalweg.env.tasks import TaskName
 from thalweg.train.errors import TrainingError
 from thalweg.train.run import check_warmup
 from thalweg.world import LEVELS
@@ -143,6 +144,8 @@ class Suite:
     """What policies see that are trained, unless their arm says otherwise."""
     world_seeds: RiverSeeds = ()
     """Seeds of the rivers to train on, unless the arm has its own; if empty, the fixed river of the level."""
+    task: TaskName = "River"
+    """Task that is trained and flown, see `thalweg.env.tasks`."""
 
     @model_validator(mode="after")
     def _check(self) -> "Suite":
@@ -232,10 +235,11 @@ class Suite:
         return "frames" if run.kind == "packaged" else self.arm(run.algorithm).observation or self.observation
 
     def as_data(self) -> dict[str, Any]:
-        """Return the suite as plain data for JSON; without an observation of frames, and without seeds of rivers if
-        there are none, as before there were others."""
+        """Return the suite as plain data for JSON; without an observation of frames, seeds of rivers if there are none,
+        and the paper's task, as before there were others."""
         conditions = [condition.as_data() for condition in self.conditions]
-        data = _without(to_plain(self), observation="frames", world_seeds=[]) | _rivers(self.world_seeds)
+        usual = {"observation": "frames", "world_seeds": [], "task": "River"}
+        data = _without(to_plain(self), **usual) | _rivers(self.world_seeds)
         return data | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
 
 

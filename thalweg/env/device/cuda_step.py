@@ -1,10 +1,12 @@
-"""CUDA kernels of `thalweg.env.device.step` and of the ideal eyes: one thread per environment, in float64."""
+"""CUDA kernels of `thalweg.env.device.step`, the ideal eyes and tasks: one thread per environment, in float64."""
 
 from numba import cuda, float64
 
 from thalweg.env.device.step import advance_one
 from thalweg.env.initial_poses import DRAWS
 from thalweg.env.task.ideal_eye import see_one
+from thalweg.env.task.priced.eye import see_in_task as see_one_in_task
+from thalweg.env.task.priced.props import props_of
 from thalweg.env.vehicle.boat_eye import see_boat
 
 THREADS = 64
@@ -42,3 +44,17 @@ def see_boats(courses, limits, world, pose, out):
     row = cuda.grid(1)
     if row < len(out):
         see_boat(courses, limits, world[row], pose[row], out[row])
+
+
+def see_in_task(courses, limits, world, pose, segment, travel, steps, scene, station, out):
+    """As `eye.see_all_in_task`."""
+    row = cuda.grid(1)
+    if row < len(out):
+        see_one_in_task(row, courses, limits, world, pose, segment, travel, steps, scene, station, out)
+
+
+def props(courses, limits, world, pose, steps, scene, station, out):
+    """As `props.all_props`."""
+    row = cuda.grid(1)
+    if row < len(out):
+        props_of(row, courses, limits, world, pose, steps, scene, station, out)

@@ -8,6 +8,7 @@ from thalweg.core.compute import gpu
 from thalweg.env.config import ConfigError, EnvConfig
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.rules import empty_outcome, empty_state
+from thalweg.render.records.props import PROP_COLUMNS
 from thalweg.world.generate import memory
 
 OVERHEAD_BYTES = 640
@@ -18,8 +19,9 @@ the renderer holds of a view."""
 def bytes_per_env(courses: CourseArrays, config: EnvConfig, frames: int) -> int:
     """Return the bytes of one environment with a number of frames."""
     arrays = (*empty_state(np.zeros(1, np.int64), courses), *empty_outcome(1, len(config.cost_kinds)))
+    props = 4 * PROP_COLUMNS * config.task_record.props
     frame = config.channels * config.camera.height_px * config.camera.width_px
-    return sum(array.nbytes for array in arrays) + OVERHEAD_BYTES + frames * frame
+    return sum(array.nbytes for array in arrays) + OVERHEAD_BYTES + props + frames * frame
 
 
 def free_bytes(device: Any) -> int | None:

@@ -31,11 +31,6 @@ CLEARANCE_WEIGHT = 0.4
 """Penalty in segments of progress for each square metre of missing clearance, and step."""
 TURN_WEIGHT = 1.0
 """The same for each radian off the pursued point."""
-SHALLOW_WEIGHT = 20.0
-"""The same for each unit of cost that shallow water takes; more than a step can gain."""
-WAIT_STEPS = 12
-"""Idle steps, as many as a turn takes, after which shallow water counts less and less: where there is no way round it,
-the pilot pays."""
 EFFORT = 0.05
 """The same for each turn and each step aside."""
 HOVER_COST = 0.5
@@ -78,7 +73,7 @@ def _worth(row, first_move, courses, limits, ways, state):
     if first_move[1] == 0 and first_move[2] == 0 and first_move[3] == 0:
         worth = -HOVER_COST
     patience = 1.0 / (1.0 + state.idle[row])
-    dread = SHALLOW_WEIGHT / (1.0 + max(state.idle[row] - WAIT_STEPS, 0))
+    way = 0 if travel > 0 else 1
     action = UnitAction(0.0, 1.0 * first_move[1], 1.0 * first_move[2], 1.0 * first_move[3])
     for step in range(HORIZON):
         after = move(pose, action, limits)
@@ -94,18 +89,17 @@ def _worth(row, first_move, courses, limits, ways, state):
             return FAILURE + step
         worth += travel * (offset + reached.fraction - projection.fraction)
         worth -= EFFORT * (abs(action.turn) + abs(action.left))
-        worth -= dread * shallow_cost(courses, world, limits, after)
         pose, projection = after, reached
+        a, b = sample_rows(courses, world, projection.segment)
+        here = a if projection.fraction < 0.5 else b
+        worth -= ways.dread[here, way] * shallow_cost(courses, world, limits, after)
         if courses.closed[world] == 0 and projection.segment == last_segment(courses, world, travel):
             return worth + 2.0 * (HORIZON - step)
         left = metres_left(courses, world, projection, pose.x, pose.y)
         angle, dx, dy = pursued_point(courses, world, projection, travel, ways, left, LOOKAHEAD_M, pose)
         error = wrap_angle(angle - pose.yaw)
-        a, b = sample_rows(courses, world, projection.segment)
-        here = a if projection.fraction < 0.5 else b
         worth -= patience * (
-            CLEARANCE_WEIGHT * missing_clearance(courses, ways, here, 0 if travel > 0 else 1, left)
-            + TURN_WEIGHT * abs(error)
+            CLEARANCE_WEIGHT * missing_clearance(courses, ways, here, way, left) + TURN_WEIGHT * abs(error)
         )
         action = _law(limits, pose, error, dx, dy)
     return worth

@@ -13,12 +13,15 @@ from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.progress import sample_rows, segment_at_offset
-from thalweg.env.vehicle.lanes import STEEPEST
+from thalweg.env.vehicle.lanes import STEEPEST, sound_lanes
 
 CLEARANCE_M = 1.5
 """Lateral distance to points without a way above which more has no value."""
 CLEARANCE_WEIGHT = 1.0
 """Cost in metres of way, for each sample and square metre of missing clearance."""
+SHALLOW_WEIGHT, FORD_WEIGHT = 20.0, 1.0
+"""Penalty in segments of progress for each unit of cost that shallow water takes: more than a step can gain where there
+is a way round it, and less where there is none."""
 BLOCKED = 1.0e6
 """Cost of a point without a way; more than any way round it."""
 
@@ -30,11 +33,18 @@ class BoatWays(NamedTuple):
     """[S, 2, P] int64, the point at the next sample to go to, up and down the course; of an open course's end, any."""
     missing: np.ndarray
     """[S, 2, P] float64, square metres of missing clearance; `BLOCKED` at points without a way."""
+    dread: np.ndarray
+    """[S, 2] float64, `SHALLOW_WEIGHT` where a way leads on over deep water, and `FORD_WEIGHT` where none does."""
 
 
 def plan_boat_ways(courses: CourseArrays, config: EnvConfig) -> BoatWays:
     """Return the ways through a batch of courses."""
-    ways = BoatWays(np.zeros(courses.through.shape, np.int64), np.empty(courses.through.shape))
+    limits, shape = config.limits, courses.through.shape
+    depth, solid = np.empty((shape[0], shape[2])), np.empty((shape[0], shape[2]), np.uint8)
+    sound_lanes(courses, limits, depth, solid)
+    deep = (courses.through != 0) & (depth >= limits.draught + limits.keel_margin)[:, None]
+    dread = np.where(deep.any(axis=2), SHALLOW_WEIGHT, FORD_WEIGHT)
+    ways = BoatWays(np.zeros(shape, np.int64), np.empty(shape), dread)
     _fill_missing(courses, ways.missing)
     for world in range(len(courses.segments)):
         for way in range(2):

@@ -10,30 +10,30 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from thalweg.env.task.ideal_eye import features_of
+from thalweg.env.task.priced.eye import features_of
 
 PROGRESS = ("visited", "idle", "steps")
 """Names of the numbers of the progress, shares in 0..1.
 
-* visited: share of the course's segments that the episode has visited, as `info["progress"]`.
+* visited: share of the course's segments that the episode has visited, or what else `info["progress"]` is.
 * idle: consecutive steps without a new segment, per `EnvConfig.max_idle_steps`; the episode ends at 1.
 * steps: steps of the episode, per its step limit (`thalweg.env.task.course_arrays.step_limit`); the episode ends at 1.
 """
 
 
-def critic_features(observation: str, vehicle: str = "uav") -> tuple[str, ...]:
-    """Return the names of the C numbers of `info["critic_obs"]`, in order; `observation` and `vehicle` as in
+def critic_features(observation: str, task: str = "River", vehicle: str = "uav") -> tuple[str, ...]:
+    """Return the names of the C numbers of `info["critic_obs"]`, in order; `observation`, `task` and `vehicle` as in
     `EnvConfig`.
 
-    They are `PROGRESS`, then those of the ideal eye (`thalweg.env.task.ideal_eye.features_of`, in metres and radians),
+    They are `PROGRESS`, then those of the ideal eye (`thalweg.env.task.priced.eye.features_of`, in metres and radians),
     unless the observation has these already.
     """
-    return PROGRESS if observation == "privileged" else (*PROGRESS, *features_of(vehicle))
+    return PROGRESS if observation == "privileged" else (*PROGRESS, *features_of(task, vehicle))
 
 
-def critic_space(observation: str, vehicle: str = "uav") -> gymnasium.spaces.Box:
+def critic_space(observation: str, task: str = "River", vehicle: str = "uav") -> gymnasium.spaces.Box:
     """Return the space of the C numbers of one environment."""
-    return gymnasium.spaces.Box(-np.inf, np.inf, (len(critic_features(observation, vehicle)),), np.float32)
+    return gymnasium.spaces.Box(-np.inf, np.inf, (len(critic_features(observation, task, vehicle)),), np.float32)
 
 
 def write_progress(out: Any, visited: Any, idle: Any, steps: Any) -> None:

@@ -20,7 +20,6 @@ from thalweg.env.task.progress import (
     segment_at_offset,
     track_projection,
 )
-from thalweg.env.vehicle.boat_eye import BOAT_FEATURES
 
 POINTS_M = (2.0, 4.0, 7.0, 11.0, 16.0, 24.0)
 """Distances along the course, from the vehicle, of the points of the course that are seen."""
@@ -69,12 +68,6 @@ BEHIND_M = 3.0
 """Metres behind the vehicle up to which the middle of a bridge still counts as that of the next."""
 _POINTS = np.array(POINTS_M)
 _POINT_AT, _BRIDGE_AT, _ISLAND_AT = 5, 5 + 4 * len(POINTS_M), 8 + 4 * len(POINTS_M)
-
-
-def features_of(vehicle: str) -> tuple[str, ...]:
-    """Return the names of what the ideal eye of a vehicle sees, `EnvConfig.vehicle`: `FEATURES`, and for a boat after
-    them `thalweg.env.vehicle.boat_eye.BOAT_FEATURES`."""
-    return FEATURES if vehicle == "uav" else (*FEATURES, *BOAT_FEATURES)
 
 
 def mirrored(numbers: np.ndarray) -> np.ndarray:

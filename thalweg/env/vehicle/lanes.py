@@ -158,10 +158,12 @@ def _where(
     river = world.river
     if floats[sample].any():
         why = "what is deep and free enough before that and there is no way through"
+    elif (free[sample] & (depth[sample] >= boat.draught_m)).any():
+        why = "the lane that is deep and free enough is narrower than a step aside"
     elif (depth[sample] >= boat.draught_m).any():
         why = "bridges and rocks leave no passage"
     else:
-        why = f"there are at most {max(float(depth[sample].max()), 0.0):.2f} m of water under all of the hull"
+        why = f"there are at most {max(float(depth[sample].max()), 0.0):.3f} m of water under all of the hull"
     return (
         f"{boat.words} does not fit {world.name}-{world.seed}: at arc {river.arc_m[sample]:.0f} m, where the river is"
         f" {river.width_m[sample]:.1f} m wide and {river.depth_m[sample]:.2f} m deep in the middle, {why}"

@@ -48,7 +48,7 @@ def test_a_policy_says_its_task_and_flies_no_other(tmp_path: Path):
         check_policy_fits(policy, None)
     assert task_of(BASELINES["pilot"]) == "River"
     rows = (tmp_path / "episodes.csv").read_text().splitlines()
-    assert len(rows) > 4  # the deadline of a ring is 88 steps
+    assert len(rows) > 4  # the deadline of a ring is 76 steps
 
 
 def test_the_run_of_another_task_is_not_resumed(tmp_path: Path):

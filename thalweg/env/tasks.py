@@ -93,13 +93,17 @@ TASKS: dict[str, Task] = {
         fast_step_m=2.0,
         passing_distance_m=10.0,
         swimmer_spacing_m=40.0,
-        deadline_steps_per_m=0.7,
+        deadline_steps_per_m=0.6,
         props=24,
     ),
     "Nests": Task(
         kind="nests", view_height_m=2.5, reserve_share=1 / 3, reserve_height_m=8.0, props=24,
     ),
-    "RacingLine": Task(kind="clearance", clearance_m=1.5, deadline_steps_per_m=0.8),
-    "Portage": Task(kind="land", portage=True, deadline_steps_per_m=0.7, props=1),
+    "RacingLine": Task(kind="clearance", clearance_m=1.5, fast_step_m=2.0, deadline_steps_per_m=0.45),
+    "Portage": Task(kind="land", portage=True, deadline_steps_per_m=0.6, props=1),
 }  # fmt: skip
-"""Tasks by name. Their numbers are those of version `thalweg.core.versions.TASKS`."""
+"""Tasks by name. Their numbers are those of version `thalweg.core.versions.TASKS`.
+
+For the deadlines: the scripted pilot needs 0.86 steps of one metre per metre of course, cutting bends and flying
+askew; with fast steps it needs 0.47, and in the middle of the channel the steady pilot 0.51.
+"""

@@ -11,6 +11,7 @@ from tests.env.flights import FORWARD, HOVER
 from tests.env.handmade import BlankRenderer, ring
 from tests.env.task.priced.flights import PRICED, erratic, flown, made, rivers
 from thalweg.env import ConfigError, DoneReason, EnvConfig, RiverEnv, RiverVectorEnv, StateError
+from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import from_unit_actions, to_unit_actions
 from thalweg.env.task.course_arrays import config_fingerprint
 from thalweg.env.tasks import TASKS
@@ -46,11 +47,11 @@ def test_a_deadline_is_a_share_of_the_way_and_truncates_without_a_cost():
     # A ring of 125.66 m; the station of a portage is half of it away.
     world = ring()
     limits = {task: int(made(task, world).courses.max_steps[0]) for task in PRICED}
-    assert limits == {"Swimmers": 88, "Nests": 170, "RacingLine": 101, "Portage": 44}
+    assert limits == {"Swimmers": 76, "Nests": 170, "RacingLine": 57, "Portage": 38}
     env = made("Portage", world, 1, max_idle_steps=99)
     env.reset(seed=0)
     told = None
-    for _ in range(44):
+    for _ in range(38):
         told = env.step(np.array([HOVER]))
     assert told is not None and told[3].tolist() == [True] and told[2].tolist() == [False]
     assert told[4]["done_reason"].tolist() == [DoneReason.MAX_STEP_REACHED] and told[4]["costs"].tolist() == [[0, 0, 0]]
@@ -97,6 +98,34 @@ def test_a_state_continues_to_the_bit(task: str):
     state["way"][2] = -1.0
     with pytest.raises(StateError, match=r"way has an impossible value \(environment 2\)"):
         other.set_state(state)
+
+
+@pytest.mark.parametrize("task", PRICED)
+def test_rivers_may_change_with_each_episode(task: str):
+    worlds = [rivers()[name] for name in ("ring", "hairpin", "canal")]
+    config = EnvConfig(task=task, observation="privileged", max_steps=15)  # pyright: ignore[reportArgumentType]
+    env, other = (RiverVectorEnv(RiverList(worlds), 4, config) for _ in range(2))
+    rng, flown_in = np.random.default_rng(0), set()
+    env.reset(seed=1)
+    actions = rng.integers(0, 3, (60, 4, 4))
+    for chosen in actions[:40]:
+        flown_in |= set(env.step(chosen)[4]["river"].tolist())
+    assert flown_in == {0, 1, 2}
+    other.set_state(env.get_state())
+    for chosen in actions[40:]:
+        first, again = env.step(chosen), other.step(chosen)
+        for a, b in zip(first[:4], again[:4], strict=True):
+            np.testing.assert_array_equal(a, b)
+        np.testing.assert_array_equal(first[4]["costs"], again[4]["costs"])
+        # What the task put into the river of each environment is that of the river alone.
+        for row, river in enumerate(env.rivers.river):  # pyright: ignore[reportAttributeAccessIssue]
+            alone, slot = made(task, worlds[int(river)], 1, max_steps=15).courses, env.world_index[row]
+            for name in ("swimmers", "max_steps"):
+                assert getattr(env.courses, name)[slot] == getattr(alone, name)[0]
+            for first_row, name in (("first_haunt", "haunt"), ("first_reserve", "reserve"), ("first_buoy", "buoy")):
+                begin, end = getattr(env.courses, first_row)[slot : slot + 2]
+                np.testing.assert_array_equal(getattr(env.courses, name)[begin:end], getattr(alone, name))
+    env.close(), other.close()
 
 
 def test_states_of_the_papers_task_are_as_they_were():

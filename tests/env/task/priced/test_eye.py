@@ -85,7 +85,7 @@ def test_the_next_reserve_is_seen_in_the_direction_of_travel(world: str):
         ahead = np.arange(0.0, 60.0, 0.01)
         points = arc + travel * ahead
         points = points % river.length_m if river.closed else points
-        within = ((env.courses.reserve[:, :1] <= points) & (points <= env.courses.reserve[:, 1:])).any(axis=0)
+        within = np.any((env.courses.reserve[:, :1] <= points) & (points <= env.courses.reserve[:, 1:]), axis=0)
         begins = ahead[within.argmax()] if within.any() else 40.0
         ends = ahead[within.argmax() :][(~within[within.argmax() :]).argmax()] if within.any() else 40.0
         wanted = (float(within[0]), *((begins, min(ends, 40.0)) if begins < 40 else (40.0, 40.0)))

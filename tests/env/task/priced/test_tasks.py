@@ -125,7 +125,8 @@ def test_rivers_may_change_with_each_episode(task: str):
             for first_row, name in (("first_haunt", "haunt"), ("first_reserve", "reserve"), ("first_buoy", "buoy")):
                 begin, end = getattr(env.courses, first_row)[slot : slot + 2]
                 np.testing.assert_array_equal(getattr(env.courses, name)[begin:end], getattr(alone, name))
-    env.close(), other.close()
+    env.close()
+    other.close()
 
 
 def test_states_of_the_papers_task_are_as_they_were():
@@ -158,7 +159,8 @@ def test_ours_agrees_with_gymnasiums_vector_of_single_environments(task: str, mo
 @pytest.mark.parametrize("task", PRICED)
 def test_episodes_follow_from_the_seed_alone(task: str):
     few, many = made(task, rivers()["ring"], 2, "DISABLED"), made(task, rivers()["ring"], 5, "DISABLED")
-    few.reset(seed=3), many.reset(seed=3)
+    few.reset(seed=3)
+    many.reset(seed=3)
     for name in ("pose", "scene", "station", "way"):
         np.testing.assert_array_equal(getattr(few.state, name), getattr(many.state, name)[:2])
     moves = bool(TASKS[task].swimmer_spacing_m)

@@ -82,7 +82,7 @@ def main() -> None:
         section = page_section(read_csv(given.out, COLUMNS))
         write_atomic(PAGE, replace_section(PAGE.read_text(encoding="utf-8"), "pilot", section))
         return
-    seeds = parse_seeds(given.seeds, "--seeds", SystemExit)
+    seeds = parse_seeds(given.seeds, "--seeds", ValueError)
     rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
     for level in given.levels:
         known = {int(row["seed"]) for row in rows if row["level"] == level}

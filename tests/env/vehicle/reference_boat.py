@@ -75,7 +75,7 @@ class ReferenceBoat:
         middle, half = (bridge.length / 2 + hull) / 2, (bridge.length / 2 - hull) / 2
         along = np.array([math.cos(bridge.angle), math.sin(bridge.angle)])
         ends = [np.array([bridge.x, bridge.y]) + side * middle * along for side in (1, -1)]
-        return [rectangle(*end, bridge.angle, half, bridge.width / 2) for end in ends], bridge, mast
+        return [rectangle(x, y, bridge.angle, half, bridge.width / 2) for x, y in ends], bridge, mast
 
     def _mast(self, arch: tuple, x: float, y: float) -> bool:
         _, bridge, mast = arch

@@ -1,5 +1,7 @@
 """Environments of boats: costs, endings, starts and states, beside a slow reference on random voyages."""
 
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
@@ -88,7 +90,7 @@ def test_random_voyages_agree_with_the_reference(easy_world: World):
     env.reset(seed=5)
     reference = ReferenceBoat(easy_world, CONFIG)
     rng = np.random.default_rng(5)
-    seen = dict.fromkeys(("", "solid", "aground"), 0)
+    seen: dict[str, int] = dict.fromkeys(("", "solid", "aground"), 0)
     shallow = 0
     for _ in range(120):
         before = env.state.pose.copy()
@@ -97,7 +99,8 @@ def test_random_voyages_agree_with_the_reference(easy_world: World):
         _, _, _, _, info = env.step(actions)
         for row, (a, b) in enumerate(zip(before, info["pose"], strict=True)):
             pieces = 1 if np.hypot(*(b - a)[:2]) < 0.6 else 2
-            found = [reference.hits(*(a + (b - a) * piece / pieces)[:2], b[3]) for piece in range(1, pieces + 1)]
+            ways = [a + (b - a) * piece / pieces for piece in range(1, pieces + 1)]
+            found = [reference.hits(x, y, b[3]) for x, y, *_ in ways]
             first = next((hit for hit in found if hit), "")
             if "unsure" in found:
                 continue
@@ -205,11 +208,11 @@ def test_a_torch_environment_takes_the_same_steps(easy_world: World):
 
 def test_the_ids_make_boats():
     assert set(BOAT_IDS.values()) == {"thalweg/Easy-ASV-v0", "thalweg/Medium-ASV-v0", "thalweg/Hard-ASV-v0"}
-    env = gymnasium.make("thalweg/Easy-ASV-v0", observation="privileged")
-    assert env.unwrapped.vector.config.vehicle == "asv" and env.unwrapped.cost_kinds[-1] == "shallow"
-    check_env(env.unwrapped, skip_render_check=True)
-    many = gymnasium.make_vec("thalweg/Easy-ASV-v0", num_envs=2, observation="none")
-    assert many.unwrapped.config.vehicle == "asv"
+    env: Any = gymnasium.make("thalweg/Easy-ASV-v0", observation="privileged").unwrapped
+    assert env.vector.config.vehicle == "asv" and env.cost_kinds[-1] == "shallow"
+    check_env(env, skip_render_check=True)
+    many: Any = gymnasium.make_vec("thalweg/Easy-ASV-v0", num_envs=2, observation="none").unwrapped
+    assert many.config.vehicle == "asv"
 
 
 def test_the_data_and_numbers_of_the_uav_know_no_boat():

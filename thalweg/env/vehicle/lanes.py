@@ -7,6 +7,7 @@ boat that misses one by less could not move into it.
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ STEEPEST = 0.4
 """Metres aside for each metre ahead."""
 
 
-def lanes_through(courses: Any, limits: Any, boat: Boat, worlds: list[World]) -> np.ndarray:
+def lanes_through(courses: Any, limits: Any, boat: Boat, worlds: Sequence[World]) -> np.ndarray:
     """Return [S, 2, LANE_POINTS] uint8: 1 for points from which a way leads on, up and down the course.
 
     In a river where the boat can keep its margin of water below the keels all along, ways do. Raises `FitError` that

@@ -155,7 +155,8 @@ def _check_inputs(policy: Any, offered: str, encoder: Encoder | None, of: tuple[
         needed = (camera.height_px, camera.width_px, CHANNELS[offered])
         offers = f"{IN_WORDS[offered]} have the shape"
     elif encoder is None:
-        needed, offers = len(features_of(*of)), f"privileged observation of the task {of[0]} has"
+        of_task = "" if of[0] == "River" else f" of the task {of[0]}"
+        needed, offers = len(features_of(*of)), f"privileged observation{of_task} has"
     else:
         needed, offers = encoder.latent, "encoder returns"
     takes = _image_of(policy) or getattr(policy, "obs_size", needed)

@@ -15,7 +15,7 @@ from thalweg.env.pilot.flight_poses import FLIGHT_STEPS, pilot_poses
 from thalweg.render import Camera, Renderer
 from thalweg.render.records.quality import QUALITIES
 from thalweg.world import LEVELS, World, load_or_build
-from thalweg.world.map_image import draw
+from thalweg.world.map_image import draw, size_in_scale
 
 IMAGES = Path(__file__).resolve().parent / "images"
 CAM = Path(__file__).resolve().parents[1] / "thalweg" / "world" / "real" / "rivers" / "cam.geojson"
@@ -25,10 +25,16 @@ STARTS = {"Easy": (3, 6), "Medium": (7, 10, 13), "Hard": (6, 9, 14)}
 LOOK_START = 10
 """Index of the start on Medium from which the looks are shown."""
 
+CLASS_COLOURS = np.array([[200, 220, 240], [40, 90, 200], [150, 120, 80], [40, 130, 50], [220, 60, 60]], np.uint8)
+"""Colour in which each class is shown, in the order of `thalweg.render.records.classes.CLASSES`."""
+DEPTHS_M = (2.0, 100.0)
+"""Depths that are shown black and white, with logarithms between them."""
+
 
 def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     save(frames(), "frames.png")
+    save(parts(), "parts.png")
     save(levels(), "levels.png")
     save(qualities(), "qualities.png")
     for picture, name in ((looks(), "looks.jpg"), (real_river(), "cam.jpg"), (flights(), "flights.jpg")):
@@ -53,6 +59,21 @@ def frames(size: int = 128, zoom: int = 2) -> Image.Image:
     return tile_grid(tiles, columns=4)
 
 
+def parts(size: int = 128, zoom: int = 2) -> Image.Image:
+    """Return colours, water mask, depth and class of two starts, enlarged `zoom` times; the sky has no depth and is
+    white."""
+    world, chosen = load_or_build("Medium"), [STARTS["Medium"][0], STARTS["Medium"][2]]
+    seen = Renderer([world], Camera(size, size)).render_layers(sample_starts(world, max(chosen) + 1, 0)[chosen])
+    low, high = np.log(DEPTHS_M)
+    shade = np.clip((np.log(np.maximum(seen.depth_m, 1e-3)) - low) / (high - low), 0, 1)
+    grey = np.where(seen.depth_m < 0, 255, 255 * shade).astype(np.uint8)
+    tiles = []
+    for n in range(len(chosen)):
+        mask, depth = (channel[..., None].repeat(3, -1) for channel in (seen.mask[n] * np.uint8(255), grey[n]))
+        tiles += [seen.rgb[n], mask, depth, CLASS_COLOURS[seen.class_id[n]]]
+    return tile_grid([tile.repeat(zoom, 0).repeat(zoom, 1) for tile in tiles], columns=4)
+
+
 def looks(size: int = 128) -> Image.Image:
     """Return one view at both ends of each range of domain randomisation."""
     world = load_or_build("Medium")
@@ -75,28 +96,28 @@ def qualities(size: int = 128, zoom: int = 2) -> Image.Image:
     return tile_grid([view[..., :3].repeat(zoom, 0).repeat(zoom, 1) for view in views], columns=4)
 
 
-def levels(width: int = 1392) -> Image.Image:
-    """Return the orthographic views of the three levels side by side, all of one height."""
+def levels(width: int = 1392, finer: int = 2) -> Image.Image:
+    """Return the orthographic views of the three levels side by side, all in one scale; drawn `finer` and reduced."""
+    worlds = [load_or_build(level) for level in LEVELS]
+    wide_m = [world.ground_m.shape[1] * world.grid.cell_m for world in worlds]
+    px_per_m = finer * (width - (len(worlds) - 1) * GAP) / sum(wide_m)
     maps = []
     with tempfile.TemporaryDirectory() as folder:
-        for level in LEVELS:
-            path = Path(folder) / f"{level}.png"
-            draw(load_or_build(level), path, size_px=1000)
+        for world in worlds:
+            path = Path(folder) / f"{world.name}.png"
+            draw(world, path, size_px=size_in_scale(world, px_per_m))
             with Image.open(path) as map_:
-                maps.append(map_.convert("RGB"))
+                maps.append(map_.convert("RGB").reduce(finer))
     return row(maps, width)
 
 
 def row(pictures: list[Image.Image], width: int) -> Image.Image:
-    """Return pictures side by side, scaled to one height so that they fill the width with gaps between them."""
-    total = width - (len(pictures) - 1) * GAP
-    height = round(total / sum(picture.width / picture.height for picture in pictures))
-    ends = np.cumsum([0.0, *(picture.width / picture.height for picture in pictures)])
-    edges = np.rint(ends / ends[-1] * total).astype(int)
-    board = Image.new("RGB", (width, height), "white")
-    for index, picture in enumerate(pictures):
-        size = (int(edges[index + 1] - edges[index]), height)
-        board.paste(picture.resize(size, Image.Resampling.LANCZOS), (int(edges[index]) + index * GAP, 0))
+    """Return pictures side by side on their lower edges, with gaps between them, as wide as asked for."""
+    board = Image.new("RGB", (width, max(picture.height for picture in pictures)), "white")
+    left = 0
+    for picture in pictures:
+        board.paste(picture, (left, board.height - picture.height))
+        left += picture.width + GAP
     return board
 
 

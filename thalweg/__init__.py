@@ -3,12 +3,18 @@
 Importing the package registers its Gymnasium ids; subpackages are imported when they are used.
 """
 
+from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register, registry
 
 if TYPE_CHECKING:
     from thalweg.env.torch_env import TensorRiverEnv
+
+try:
+    __version__ = version("thalweg")
+except PackageNotFoundError:  # run from its folder without being installed
+    __version__ = "unknown"
 
 LEVEL_IDS = {name: f"thalweg/{name}-v0" for name in ("Easy", "Medium", "Hard")}
 """Gymnasium id of each level's fixed river, in the paper's task."""

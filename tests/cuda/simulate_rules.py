@@ -9,6 +9,7 @@ from tests.cuda import cases, simulated
 from thalweg.core.compute import gpu
 from thalweg.env import torch_env as tensors
 from thalweg.env.device import cuda_step as rules
+from thalweg.env.device import observer
 
 THREADS = 2
 
@@ -17,8 +18,9 @@ def main(path: str, task: str) -> None:
     simulated.begin()
     blocks = -(-cases.FLIGHTS // THREADS) + 1  # the last one has nothing to do
     tensors.advance_all = lambda *given: gpu.launch(rules.advance, blocks, THREADS, simulated.DEVICE, *given)
-    tensors.see_all = lambda *given: gpu.launch(rules.see, blocks, THREADS, simulated.DEVICE, *given)
-    tensors.see_all_in_task = lambda *given: gpu.launch(rules.see_in_task, blocks, THREADS, simulated.DEVICE, *given)
+    observer.see_all = lambda *given: gpu.launch(rules.see, blocks, THREADS, simulated.DEVICE, *given)
+    observer.see_all_in_task = lambda *given: gpu.launch(rules.see_in_task, blocks, THREADS, simulated.DEVICE, *given)
+    observer.feel_all = lambda *given: gpu.launch(rules.feel, blocks, THREADS, simulated.DEVICE, *given)
     np.savez(path, **cases.flown(task))
 
 

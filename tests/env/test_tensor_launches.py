@@ -14,6 +14,7 @@ from thalweg.env.device.step import advance_all
 from thalweg.env.task.ideal_eye import see_all
 from thalweg.env.task.priced.eye import see_all_in_task
 from thalweg.env.task.priced.props import all_props
+from thalweg.env.task.proprioception import feel_all
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.world import World
 
@@ -22,6 +23,7 @@ ON_THE_HOST = {
     cuda_step.see: see_all,
     cuda_step.see_in_task: see_all_in_task,
     cuda_step.props: all_props,
+    cuda_step.feel: feel_all,
 }
 
 
@@ -48,16 +50,17 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 @pytest.mark.parametrize(("task", "eye"), [("River", "see"), ("Swimmers", "see_in_task")])
 def test_launched_steps_equal_those_of_the_cpu(easy_world: World, launched: list[str], task: Any, eye: str):
-    config = EnvConfig(observation="privileged", task=task)
+    config = EnvConfig(observation=("proprioception", "privileged"), task=task)
     here, there = (TensorRiverEnv(easy_world, 5, config, device="cpu") for _ in range(2))
     for env in (here, there):
         env.reset(seed=3)
     assert there._actions.shape == (5, 4)  # allocated before the device is replaced
-    there.device = SimpleNamespace(type="cuda")  # pyright: ignore[reportAttributeAccessIssue]
+    there.device = there._launcher.device = SimpleNamespace(type="cuda")  # pyright: ignore[reportAttributeAccessIssue]
     there._unit_actions = here._unit_actions
     for step in range(40):
         actions = torch.randint(0, 3, (5, 4), generator=torch.Generator().manual_seed(step))
         (seen, reward, *_, info), (seen_there, reward_there, *_, info_there) = here.step(actions), there.step(actions)
-        assert torch.equal(seen, seen_there) and torch.equal(reward, reward_there)
+        assert all(torch.equal(seen[part], seen_there[part]) for part in config.parts)
+        assert torch.equal(reward, reward_there)
         assert torch.equal(info["pose"], info_there["pose"])
-    assert launched == ["advance", eye] * 40
+    assert launched == ["advance", "feel", eye] * 40

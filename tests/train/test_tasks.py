@@ -20,7 +20,8 @@ from thalweg.env.rivers import river_list
 from thalweg.env.task.priced.eye import features_of
 from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
-from thalweg.train.river import RiverTraining, check_policy_fits, task_of
+from thalweg.train.observations import check_policy_fits, task_of
+from thalweg.train.river import RiverTraining
 
 SMALL = {"steps_per_update": 64, "minibatch": 32, "passes": 1, "hidden": [8], "critic_warmup_steps": 0}
 SWIMMERS = EnvConfig(task="Swimmers")

@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from thalweg.cli.options import NO_FILE, POSE, River, UsageError, check_file, checked_task, load_world
-from thalweg.core.atomic_io import atomic_path
+from thalweg.core.atomic_io import write_picture
 
+LIMITS_PX = 16, 2048
+"""Least and greatest height of a camera's frame, see `thalweg.render.Camera`."""
 PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 
 
@@ -18,7 +20,7 @@ class RenderFrames:
     level: str | None = None
     """Easy, Medium or Hard. Medium by default."""
     seed: int | None = None
-    """Seed of the river; by default the fixed river of the level. With --geojson: of its plants and hills."""
+    """Seed of the river; by default the fixed river of the level. With --river: of its plants and hills."""
     river: River = NO_FILE
     pose: POSE | None = None
     """Pose of the camera: x, y, z in metres and yaw in radians; random poses by default."""
@@ -60,8 +62,9 @@ class RenderFrames:
         """Raise `UsageError` for options that do not go together, or a picture that cannot be written."""
         if self.count < 1:
             raise UsageError(f"--count must be at least 1, not {self.count}")
-        if self.size < 1:
-            raise UsageError(f"--size must be at least 1, not {self.size}")
+        least, most = LIMITS_PX
+        if not least <= self.size <= most:
+            raise UsageError(f"--size must be from {least} to {most}, not {self.size}")
         if self.gallery and (self.frames is not None or self.quality != "full"):
             raise UsageError("--gallery draws one view in the full quality: leave out --frames and --quality")
         if self.pose is not None and self.poses != "random":
@@ -95,8 +98,7 @@ class RenderFrames:
     def _write_gallery(self, world: Any, pose: Any) -> None:
         from thalweg.bench.pictures.gallery import gallery
 
-        with atomic_path(self.out) as draft:
-            gallery(world, pose, self._camera).save(draft)
+        write_picture(self.out, gallery(world, pose, self._camera))
         print(f"{self.out}: the ranges of domain randomisation in {world.name}, seed {world.seed}")
 
     def _write_frames(self, world: Any, poses: Any) -> None:
@@ -106,8 +108,7 @@ class RenderFrames:
         frames = Renderer([world], self._camera, self.quality).render(poses, **self._props(world, poses))
         if self.frames is not None:
             write_frames(self.frames, frames)
-        with atomic_path(self.out) as draft:
-            contact_sheet(frames).save(draft)
+        write_picture(self.out, contact_sheet(frames))
         for x, y, z, yaw in poses:
             print(f"--pose {x:.3f} {y:.3f} {z:.3f} {yaw:.4f}")
         print(f"{self.out}: {len(frames)} frames of {world.name}, seed {world.seed}")

@@ -1,5 +1,6 @@
 """`thalweg train`: training of a policy on a river, from codes of an encoder, images or the privileged observation."""
 
+import json
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, River, UsageError, checked_task, settings_from
 from thalweg.cli.run_result import print_result
+from thalweg.core.config import to_plain
 from thalweg.core.seeds import parse_seeds
 
 if TYPE_CHECKING:
@@ -45,8 +47,10 @@ class Train:
     """`uav` flies; `asv` is a boat, for Easy, Medium-Deep and Hard-Deep."""
     observation: Literal["frames", "privileged", "rgb+mask", "rgb", "mask"] = "frames"
     """`frames` through an encoder; `privileged`: what an ideal eye tells; the others: images, for --set policy=cnn."""
+    proprioception: bool = False
+    """Beside codes or the privileged observation, also height, velocities, yaw rate and the last action."""
     encoder: Path | None = None
-    """File of the encoder; by default the one that comes with the package. For `frames` without policy=cnn only."""
+    """Encoder file, or folder of `encoder train`, for `frames` without policy=cnn; by default that of the package."""
     preset: str = "default"
     """`default`, or `paper` for the settings of the study, as far as they are known."""
     set: tuple[str, ...] = ()
@@ -83,6 +87,7 @@ class Train:
             algorithm.name,
             load_compatible_encoder(self.encoder, self.device) if coded else None,
             observation=None if self.observation == "frames" else self.observation,
+            proprioception=self.proprioception,
             steps=self.steps,
             seed=self.seed,
             folder=self.out,
@@ -115,4 +120,8 @@ class Train:
         try:
             algorithm.configure(settings, self.preset, self.num_envs)
         except AlgorithmError as error:
-            raise UsageError(f"--set {shlex.join(self.set)}: {error}") from error
+            default = algorithm.configure({}, self.preset, self.num_envs)
+            wrong = [name for name in settings if str(error).startswith(f"{name} must ")]
+            values = [json.dumps(to_plain(getattr(default, name))) for name in wrong]
+            to_try = f"; such as --set {wrong[0]}={values[0]}" if wrong else ""
+            raise UsageError(f"--set {shlex.join(self.set)}: {error}{to_try}") from error

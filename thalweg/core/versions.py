@@ -17,6 +17,8 @@ VEHICLES = 1
 """The boat: what it touches and pays for, its starts, its pilot, and what its ideal eye tells."""
 PRIVILEGED = 2
 """The numbers of the ideal eye."""
+PROPRIOCEPTION = 1
+"""What a vehicle measures of itself."""
 ENCODER = 1
 """Training of an encoder, and its codes of frames."""
 TRAINING = 1

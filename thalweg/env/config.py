@@ -5,6 +5,7 @@ Quantities that follow from a world, such as its length, are in `thalweg.env.tas
 
 import math
 import operator
+from collections.abc import Iterable
 from dataclasses import asdict, field, fields, replace
 from enum import IntEnum
 from typing import Annotated, Any, Literal, NamedTuple, Self
@@ -13,13 +14,13 @@ import numpy as np
 from pydantic import BeforeValidator, Field, InstanceOf, PositiveInt, model_validator
 
 from thalweg.core.config import FiniteNonNegative, FinitePositive, Hint, frozen_config, refuse_unknown
+from thalweg.env.observation import DRAWN, LAYERS, Observation, parts_of
 from thalweg.env.tasks import TASKS, Task, TaskName, TaskRules
 from thalweg.env.vehicle.boat import Boat
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
 
-Observation = Literal["rgb+mask", "rgb", "mask", "dict", "privileged", "none"]
 ActionSpace = Literal["multidiscrete", "continuous"]
 RewardScheme = Literal["paper", "package"]
 Vehicle = Literal["uav", "asv"]
@@ -27,6 +28,23 @@ Vehicle = Literal["uav", "asv"]
 
 class ConfigError(ValueError):
     """An unknown key of a config, or a value that is unknown or out of range."""
+
+
+class UnknownOptionError(ConfigError, TypeError):
+    """An unknown option of an environment; a `TypeError` too, as of any function that is given an unknown argument.
+
+    Other libraries look for Python's own words in it, such as TorchRL for "unexpected keyword argument 'frameskip'".
+    """
+
+
+def check_options(given: Iterable[str], known: Iterable[str]) -> None:
+    """Raise `UnknownOptionError`, which lists the known ones, for an option that is not among them."""
+    known = list(known)
+    try:
+        refuse_unknown("option", given, known, ConfigError)
+    except ConfigError as error:
+        first = min(set(given) - set(known))
+        raise UnknownOptionError(f"unexpected keyword argument {first!r}: {error}") from None
 
 
 def integer_at_least(name: str, value: object, least: int) -> int:
@@ -116,7 +134,9 @@ class EnvConfig:
     observation: Observation = "rgb+mask"
     """Observation: `rgb+mask` (4 channels), `rgb`, `mask`, which draws no colours and is several times as fast, `dict`
     (keys rgb and mask). Without frames: `privileged`, what a perfect camera could tell
-    (`thalweg.env.task.ideal_eye.FEATURES`), or `none`, the pose x, y, z, yaw."""
+    (`thalweg.env.task.ideal_eye.FEATURES`), or `none`, the pose x, y, z, yaw. Or a dictionary of any of the parts
+    `rgb`, `mask`, `depth`, `class`, `proprioception` (`thalweg.env.task.proprioception.PROPRIOCEPTION`) and
+    `privileged`: a tuple of their names, or a text such as "rgb,depth"."""
     action: ActionSpace = "multidiscrete"
     """Action: `multidiscrete` is four branches of 0, 1, 2; `continuous` is four numbers in -1..1, +1 = up, turn left,
     forward, left."""
@@ -209,9 +229,15 @@ class EnvConfig:
             )
         return self
 
+    @model_validator(mode="after")
+    def _velocities_have_a_duration(self) -> Self:
+        if "proprioception" in self.parts and not self.step_s > 0:
+            raise ValueError(f"step_s must be above 0 for proprioception, which has velocities, got {self.step_s}")
+        return self
+
     def with_options(self, **options: Any) -> "EnvConfig":
         """Return a copy with some fields changed; raises `ConfigError` for an unknown key and lists the known ones."""
-        refuse_unknown("option", options, (entry.name for entry in fields(self)), ConfigError)
+        check_options(options, (entry.name for entry in fields(self)))
         return replace(self, **options)
 
     def as_data(self) -> dict[str, Any]:
@@ -221,7 +247,8 @@ class EnvConfig:
         """
         left_out = {"critic_info"} | ({"task", "hard"} if self.task == "River" else set())
         left_out |= {"vehicle", "boat"} if self.vehicle == "uav" else set()
-        return {name: value for name, value in asdict(self).items() if name not in left_out}
+        parts = {} if isinstance(self.observation, str) else {"observation": list(self.observation)}
+        return {name: value for name, value in asdict(self).items() if name not in left_out} | parts
 
     @property
     def task_record(self) -> Task:
@@ -234,9 +261,19 @@ class EnvConfig:
         return self.task_record.fast_step_m / self.forward_step_m
 
     @property
+    def parts(self) -> tuple[str, ...]:
+        """Parts of the observation, see `thalweg.env.observation.PARTS`; empty for the pose alone."""
+        return parts_of(self.observation)
+
+    @property
     def channels(self) -> int:
-        """Channels that are drawn for an observation: 4, 1 of a mask, or 0."""
-        return {"mask": 1, "privileged": 0, "none": 0}.get(self.observation, 4)
+        """Channels that are drawn for an observation: 4 with colours, 1 of a mask, or 0."""
+        return 4 if "rgb" in self.parts else int(any(part in DRAWN for part in self.parts))
+
+    @property
+    def draws_layers(self) -> bool:
+        """Whether depth and class are drawn for an observation."""
+        return any(part in LAYERS for part in self.parts)
 
     def seen_through(self, inputs: str) -> "EnvConfig":
         """Return the config for an encoder of `inputs`, such as "mask": nothing is drawn that it does not see."""

@@ -10,10 +10,8 @@ from gymnasium.vector import AutoresetMode
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, EnvConfig, integer_at_least
 from thalweg.env.spaces import batch_of_one, observation_at
 from thalweg.env.vector_env import RiverVectorEnv
+from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
-
-SCALARS = {"cost": float, "done_reason": int, "progress": float}
-"""Entries of the info of one environment that are plain numbers; the others are arrays."""
 
 
 class RiverEnv(gymnasium.Env):
@@ -34,7 +32,6 @@ class RiverEnv(gymnasium.Env):
         self.vector = RiverVectorEnv(
             [world], 1, config, renderer=renderer, autoreset_mode=AutoresetMode.DISABLED, render_mode=render_mode
         )
-        self.cost_kinds = self.vector.cost_kinds
         self.metadata = {**self.metadata, "render_fps": self.vector.metadata["render_fps"]}
         self.render_mode = render_mode
         self.observation_space = self.vector.single_observation_space
@@ -43,6 +40,12 @@ class RiverEnv(gymnasium.Env):
         """Names of the K kinds of `info["costs"]`."""
         if config.critic_info:
             self.critic_space = self.vector.single_critic_space
+
+    @property
+    def camera_matrices(self) -> CameraMatrices:
+        """Matrices K [3, 3], R [3, 3] and t [3] of the camera in the current state, in OpenCV's convention; see
+        `thalweg.render.records.pinhole`."""
+        return CameraMatrices(*(matrices[0] for matrices in self.vector.camera_matrices))
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start a new episode, at `options["pose"]` [4] if given; returns observation and info."""
@@ -91,9 +94,8 @@ class RiverEnv(gymnasium.Env):
 
 
 def _single(info: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the info of a vector of one without the leading dimension and without Gymnasium's masks."""
-    return {
-        key: SCALARS[key](value[0]) if key in SCALARS else value[0].copy()
-        for key, value in info.items()
-        if not key.startswith("_")
-    }
+    """Return the info of a vector of one without the leading dimension and without Gymnasium's masks.
+
+    Numbers are NumPy's scalars, of which other libraries read the type.
+    """
+    return {key: value[0].copy() for key, value in info.items() if not key.startswith("_")}

@@ -1,19 +1,23 @@
 """Rendering for a vector environment: cameras, appearances and lights of N environments, drawn by one renderer."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig
 from thalweg.env.task.course_arrays import fingerprint
 from thalweg.env.task.rules import State
-from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.appearance import PARAMETERS, look_rows, look_values
+from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.render.slot_renderer import SlotRenderer
 from thalweg.world.record import World
+
+if TYPE_CHECKING:
+    from thalweg.render.renderer import Frame, Layer
 
 
 class Views(NamedTuple):
@@ -36,6 +40,19 @@ class Views(NamedTuple):
     """[M] int64, and what the task keeps; see `State`."""
     scene: np.ndarray
     station: np.ndarray
+    proprioception: np.ndarray | None = None
+    """[M, P] float32, see `thalweg.env.task.proprioception`; None where it is not observed."""
+
+    def rows(self, rows: np.ndarray) -> "Views":
+        """Return some of the views, by mask [M] bool or indices."""
+        some: list[Any] = [None if array is None else array[rows] for array in self]
+        return Views(*some)
+
+    def and_views(self, others: "Views") -> "Views":
+        """Return these views followed by those of others."""
+        pairs = zip(self, others, strict=True)
+        both: list[Any] = [None if a is None or b is None else np.concatenate([a, b]) for a, b in pairs]
+        return Views(*both)
 
 
 def relit_worlds(worlds: Sequence[World], randomisation: Randomisation | None) -> list[World]:
@@ -73,6 +90,11 @@ class FrameRenderer:
             if config.randomisation is not None:
                 raise ConfigError("randomisation needs a renderer of its own: give either that or a renderer")
             _check_renderer(renderer, worlds, config)
+            if config.draws_layers and not hasattr(renderer, "render_layers"):
+                raise ConfigError(
+                    f"the observation {','.join(config.parts)} needs a renderer with `render_layers`, which"
+                    f" {type(renderer).__name__} has not"
+                )
         self.camera = config.camera if renderer is None else renderer.camera
         if config.randomisation is not None:
             look_rows(config.randomisation.ends, self.camera)  # refuses angles outside the range of a camera
@@ -96,6 +118,11 @@ class FrameRenderer:
         values = *seen, state.steps, state.scene, state.station
         return Views(*(a[rows].copy() for a in values))
 
+    def camera_matrices(self, poses: np.ndarray) -> CameraMatrices:
+        """Return the matrices of the N cameras at poses [N, 4], each with the lens of its look."""
+        look = dict(zip(PARAMETERS, self.look.T, strict=True))
+        return self.camera.camera_matrices(poses, look["pitch_deg"], look["fov_deg"])
+
     def render_masks(self, views: Views, props: np.ndarray | None = None) -> np.ndarray:
         """Return new masks [M, H, W, 1] uint8 of the views, the fourth channel of their frames; props: as in
         `render`."""
@@ -118,6 +145,12 @@ class FrameRenderer:
         """Return what is given to the renderer by name: only what there is, as another renderer may know less."""
         looks = {} if self.randomisation is None else {"look": views.look}
         return looks if props is None else {**looks, "props": props}
+
+    def render_layers(self, views: Views, layers: "Collection[Layer]", props: np.ndarray | None = None) -> "Frame":
+        """Return new `Frame`s of the views with these layers; nothing is drawn that they do not need; props: as in
+        `render`."""
+        world, options = self._lit_world(views), self._options(views, props)
+        return self._drawer().render_layers(views.pose, world, views.time_s, layers=layers, **options)
 
     def _drawer(self) -> Any:
         """Return the renderer, which is created when it is first needed."""

@@ -170,18 +170,25 @@ class Renderer:
         wanted: dict[str, Any] = {name: drawn[name] if name in layers else None for name in ALL_LAYERS}
         return Frame(**wanted)
 
-    def render_tensors(self, views: Sequence[Any], out: Any, props: Any = None) -> None:
+    def render_tensors(
+        self, views: Sequence[Any], out: Any, layers: tuple[Any, Any] | None = None, props: Any = None
+    ) -> None:
         """`render` or `render_mask` without checks and copies, from torch's tensors on this renderer's device into one.
 
         views: world_index [N] int64, poses [N, 4] and times [N] float64, and looks as rows [N, LOOK_COLUMNS] float32 of
         `thalweg.render.records.appearance.look_rows`; out: [N, H, W, 4] uint8, or [N, H, W, 1] for the mask alone;
-        props: None, or [N, P, 6] float32 of `thalweg.render.records.props`.
+        layers: tensors for the depths [N, H, W] float32 and the classes [N, H, W] uint8 too, see `Frame`; props: None,
+        or [N, P, 6] float32 of `thalweg.render.records.props`.
         """
         if self._gpu is not None:
-            self._gpu.draw_tensors(views, out, props)
+            self._gpu.draw_tensors(views, out, layers, props)
             return
         array = out.numpy()
-        wanted = output(MASK, masks=array[..., 0]) if array.shape[-1] == 1 else output(COLOURS, _packed(array))
+        pair = None if layers is None else (layers[0].numpy(), layers[1].numpy())
+        if array.shape[-1] == 1:
+            wanted = output(MASK if pair is None else LAYERS, masks=array[..., 0], layers=pair)
+        else:
+            wanted = output(COLOURS, _packed(array), layers=pair)
         self._draw(Views(*(tensor.numpy() for tensor in views)), wanted, NO_PROPS if props is None else props.numpy())
 
     @property

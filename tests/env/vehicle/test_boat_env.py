@@ -206,6 +206,33 @@ def test_a_torch_environment_takes_the_same_steps(easy_world: World):
     assert tensors.cost_kinds == env.cost_kinds and not running.all()
 
 
+def test_what_a_boat_sees_and_feels_is_the_same_in_both_environments(easy_world: World):
+    torch = pytest.importorskip("torch")
+    config = EnvConfig(vehicle="asv", observation=("privileged", "proprioception"), critic_info=True)
+    env = RiverVectorEnv([easy_world], 3, config, autoreset_mode="next_step")
+    starts = sample_starts(easy_world, 3, 0, config)
+    high = starts + np.array([0.0, 0.0, 5.0, 0.0])
+    tensors = make_torch("Easy", 3, worlds=easy_world, device="cpu", config=config)
+    _, begun = tensors.reset(seed=1)
+    seen, info = env.reset(seed=0, options={"pose": high})
+    # The given height is not a step that the boat took.
+    assert seen["proprioception"][0] == pytest.approx([1.2, *[0.0] * 8], abs=1e-6)
+    assert info["critic_obs"].shape == (3, 3) and seen["privileged"].shape == (3, len(features_of("River", "asv")))
+    seen, _ = env.reset(seed=0, options={"pose": begun["pose"].numpy()})
+    running = np.ones(3, bool)
+    for action in (AHEAD, UP, AHEAD):
+        expected, _, ended, *_ = env.step([action] * 3)
+        running &= ~ended
+        felt, *_ = tensors.step(torch.tensor([action] * 3))
+        for part in config.parts:
+            np.testing.assert_array_equal(felt[part].numpy()[running], expected[part][running])
+    assert (
+        running.any()
+        and seen in env.observation_space
+        and env.single_observation_space == tensors.single_observation_space
+    )
+
+
 def test_the_ids_make_boats():
     assert set(BOAT_IDS.values()) == {"thalweg/Easy-ASV-v0", "thalweg/Medium-ASV-v0", "thalweg/Hard-ASV-v0"}
     env: Any = gymnasium.make("thalweg/Easy-ASV-v0", observation="privileged").unwrapped

@@ -23,7 +23,7 @@ def test_props_become_rows_of_float32():
 def test_the_class_of_a_prop_has_the_name_of_its_kind():
     for kind in list(PropKind)[1:]:
         assert kind + CLASS_OFFSET == getattr(classes, kind.name)
-    assert max(PropKind) + CLASS_OFFSET + 1 == classes.CLASSES
+    assert max(PropKind) + CLASS_OFFSET + 1 == len(classes.CLASSES)
 
 
 def buoy(**changed: float) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Records of evaluated episodes and their CSV files; every figure of a report is computed from them."""
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
 from math import isfinite
 from pathlib import Path
 
@@ -64,32 +64,44 @@ class Episode:
     """Version of the shield that the flight had; 0 for none."""
     vetoes: int = 0
     """Number of moves that the shield replaced."""
+    ahead: float | None = None
+    """Share of the segments ahead of the start, on an open course, that were visited; None on a loop, where all are."""
 
 
 END_COLUMNS = ("end_x", "end_y", "end_z")
 """Columns of the end position, which older results lack."""
 SHIELD_COLUMNS = ("shield", "vetoes")
 """Columns that only files with shielded flights have."""
-COLUMNS = tuple(field.name.rstrip("_") for field in fields(Episode) if field.name not in SHIELD_COLUMNS)
+OPEN_COLUMNS = ("ahead",)
+"""Columns that only files with flights along open courses have."""
+COLUMNS = tuple(
+    field.name.rstrip("_") for field in fields(Episode) if field.name not in (*SHIELD_COLUMNS, *OPEN_COLUMNS)
+)
 
 
 def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
     """Write the rows as CSV, atomically."""
     columns = COLUMNS + (SHIELD_COLUMNS if any(row.shield for row in episodes) else ())
-    rows = [[int(value) if isinstance(value, bool) else value for value in astuple(row)] for row in episodes]
-    write_atomic(path, csv_text(columns, [row[: len(columns)] for row in rows]))
+    columns += OPEN_COLUMNS if any(row.ahead is not None for row in episodes) else ()
+    attributes = ["return_" if name == "return" else name for name in columns]
+    values = [[getattr(row, name) for name in attributes] for row in episodes]
+    rows = [[int(value) if isinstance(value, bool) else value for value in row] for row in values]
+    write_atomic(path, csv_text(columns, rows))
 
 
 def read_episodes(path: Path) -> list[Episode]:
     """Return the rows of a file; raises `ResultsError` for a file that is half-written or of another kind."""
     parse = {"int": int, "float": float, "str": str, "bool": lambda text: bool(int(text))}
+    parse["share"] = lambda text: float(text) if text else None
     episodes = []
-    defaults = dict.fromkeys(END_COLUMNS, "nan") | dict.fromkeys(SHIELD_COLUMNS, "0")
+    defaults = dict.fromkeys(END_COLUMNS, "nan") | dict.fromkeys(OPEN_COLUMNS, "") | dict.fromkeys(SHIELD_COLUMNS, "0")
     for number, row in enumerate(read_csv(path, [name for name in COLUMNS if name not in END_COLUMNS]), start=2):
         texts = defaults | row
         try:
             values = [
-                parse[getattr(field.type, "__name__", "str")](texts[field.name.rstrip("_")])
+                parse["share" if field.name in OPEN_COLUMNS else getattr(field.type, "__name__", "str")](
+                    texts[field.name.rstrip("_")]
+                )
                 for field in fields(Episode)
             ]
         except ValueError as error:

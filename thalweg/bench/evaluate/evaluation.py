@@ -25,7 +25,7 @@ from thalweg.env.spaces import CHANNELS
 from thalweg.env.task.counter_random import scene_of
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
-from thalweg.train.river import observation_of
+from thalweg.train.observations import feels, observation_of
 from thalweg.world import World
 
 
@@ -175,7 +175,8 @@ def evaluate(
     """Return one row per start of the course, in the order of the list.
 
     `observe` gives the observations of policies that see frames or images, see `observation_function`, and replaces the
-    privileged observation of policies that see that; baselines ignore it. `on_step` is called before every step. A
+    privileged observation of policies that see that; baselines ignore it. Proprioception follows for policies that
+    were trained with it. `on_step` is called before every step. A
     `shield` replaces moves that it vetoes; it reads the masks of the frames that `observe` draws. Raises `ValueError`
     for a policy that sees frames or images if `observe` is None, the errors of `sight_of`, and those of
     `thalweg.bench.evaluate.shielded.check_shield`.
@@ -186,11 +187,12 @@ def evaluate(
     if sees in DRAWN and observe is None:
         such = "encoded_frames(world, load_encoder())" if sees == "frames" else "image_frames(world, 'rgb+mask')"
         raise ValueError(f"this policy sees {sees}: give `observe`, such as {such}")
-    env = _make_env(course, config, sees)
+    felt = feels(policy)
+    env = _make_env(course, config, sees, felt)
     if shield is not None:
         shield.begin(env, course.looks)
     players = [_player(policy, episode_generator(label, int(index)), config) for index in course.indices]
-    totals = _EpisodeTotals(len(course.starts))
+    totals = _EpisodeTotals(_share_ahead(course, env.get_state()))
     actions = np.ones((len(course.starts), 4), dtype=np.int64)
     while len(flying := np.flatnonzero(totals.reason < 0)):
         state = env.get_state()
@@ -205,6 +207,8 @@ def evaluate(
             obs = _observations(env, sees)[flying]
             if shield is not None and observe is not None:
                 observe(step)
+        if felt:
+            obs = np.concatenate([obs, env.observe()["proprioception"][flying]], axis=1)
         for row, index in enumerate(flying):
             actions[index] = players[index](obs[row : row + 1], totals.length[index : index + 1] == 0)[0]
         if shield is not None:
@@ -226,13 +230,16 @@ def _player(policy: Policy | RecurrentPolicy, generator: torch.Generator, config
 def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
     """Return what a policy for which nothing is drawn sees in each slot [N, D]."""
     if sees == "privileged":
-        return env.observe()
+        return env.ideal_eye()
     return env.pilot_actions(sees) if sees in PILOTS["uav"] else np.zeros((env.num_envs, 0), np.float32)
 
 
-def _make_env(course: Course, config: EvaluationConfig, sees: Sight) -> RiverVectorEnv:
-    """Return an environment with one slot per start. A slot whose episode has ended resets itself and is ignored."""
-    rules = config.env.with_options(observation="privileged") if sees == "privileged" else config.env
+def _make_env(course: Course, config: EvaluationConfig, sees: Sight, felt: bool) -> RiverVectorEnv:
+    """Return an environment with one slot per start, which also observes proprioception if it is `felt`. A slot whose
+    episode has ended resets itself and is ignored."""
+    rules = config.env
+    if felt or sees == "privileged":
+        rules = rules.with_options(observation=("proprioception",) if felt else "privileged")
     env = RiverVectorEnv(course.rivers or [course.world], len(course.starts), config=rules)
     env.reset(seed=config.starts_seed, options={"pose": course.starts})
     state = env.get_state()
@@ -244,10 +251,21 @@ def _make_env(course: Course, config: EvaluationConfig, sees: Sight) -> RiverVec
     return env
 
 
+def _share_ahead(course: Course, state: dict[str, np.ndarray]) -> np.ndarray:
+    """Return [K] the share of the course's segments from that of each start on, in its direction; NaN on a loop."""
+    rivers = [world.river for world in course.rivers or (course.world,) * len(course.starts)]
+    segments = np.array([river.segments for river in rivers])
+    ahead = np.where(state["travel"] > 0, segments - state["segment"], state["segment"] + 1)
+    return np.where([river.closed for river in rivers], np.nan, ahead / segments)
+
+
 class _EpisodeTotals:
     """Totals of each episode until its first end; later steps of its slot do not count."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, share_ahead: np.ndarray) -> None:
+        """share_ahead [K]: share of the segments that lie ahead of each start; NaN on a loop."""
+        count = len(share_ahead)
+        self.share_ahead = share_ahead
         self.return_ = np.zeros(count)
         self.costs = np.zeros((count, 2))
         self.cost = np.zeros(count)
@@ -264,6 +282,11 @@ class _EpisodeTotals:
         self.progress[flying] = info["progress"][flying]
         self.reason[flying] = info["done_reason"][flying]
         self.ends[flying] = info["pose"][flying, :3]
+
+    def _ahead(self, index: int) -> float | None:
+        """Return the share flown of what lay ahead of a start; None on a loop."""
+        share = self.progress[index] / self.share_ahead[index]
+        return None if np.isnan(share) else min(float(share), 1.0)
 
     def rows(self, course: Course, label: Label) -> list[Episode]:
         return [
@@ -282,6 +305,7 @@ class _EpisodeTotals:
                 reason=ALL_REASONS[self.reason[index]],
                 success=ALL_REASONS[self.reason[index]] == "Success",
                 progress=float(self.progress[index]),
+                ahead=self._ahead(index),
                 **dict(zip(END_COLUMNS, map(float, self.ends[index]), strict=True)),
             )
             for index in range(len(course.starts))

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES, DRAWN, Policy, sight_of
-from thalweg.bench.evaluate.conditions import MAIN, RIVERS, Trial
+from thalweg.bench.evaluate.conditions import MAIN, Trial
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Label, Observe, Step, evaluate, observation_function
@@ -22,7 +22,8 @@ from thalweg.core import versions
 from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig
 from thalweg.train import load_policy
-from thalweg.train.river import RiverTraining, check_policy_fits, load_compatible_encoder, observation_of
+from thalweg.train.observations import check_policy_fits, observation_of
+from thalweg.train.river import RiverTraining, load_compatible_encoder
 
 PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
 """The policy that comes with the package."""
@@ -94,7 +95,9 @@ class RiverBackend:
         if condition.unseen:
             return Course.unseen(level, config, drawn=drawn)
         real = level in condition.rivers
-        course = Course.on(RIVERS[level].build(), config) if real else Course.of_level(level, config, drawn=drawn)
+        course = (
+            Course.on(condition.river(level).build(), config) if real else Course.of_level(level, config, drawn=drawn)
+        )
         return [course if condition.randomisation is None else course.varied(condition.randomisation, config)]
 
     def train(self, run: Run, folder: Path) -> None:

@@ -17,7 +17,7 @@ from thalweg.bench.report.sections import SECTIONS, FigureSection, FilmSection, 
 from thalweg.bench.report.table import Table, is_published, numeric_columns
 from thalweg.bench.results.results import Results
 from thalweg.bench.suite.record import arms_of
-from thalweg.train.river import FRAMES, PRIVILEGED
+from thalweg.train.observations import FRAMES, PRIVILEGED
 
 HERE = Path(__file__).parent
 PAPER_STEPS = 200_000
@@ -124,5 +124,6 @@ def _films(section: FilmSection, results: Results) -> list[dict[str, Any]]:
         if section.includes(name) and film.path is not None:
             policy, _, kind = name.rpartition("/")[2].rpartition("-")
             label = "Film of a flight" + (f": {policy}, {kind}" if policy else "")
-            films.append({"content": film.path.read_bytes(), "label": label, "caption": film.words})
+            poster = film.poster.read_bytes() if film.poster else None
+            films.append({"content": film.path.read_bytes(), "poster": poster, "label": label, "caption": film.words})
     return films

@@ -309,7 +309,8 @@ class _Reader:
         for name, label in names.items():
             files = FilmFiles.of(self.folder, name)
             if files.film.exists() and files.caption.exists():
-                found[name] = Film(files.film, self.line(files.caption) + (f" Outdated: {label}." if label else ""))
+                words = self.line(files.caption) + (f" Outdated: {label}." if label else "")
+                found[name] = Film(files.film, words, files.poster if files.poster.exists() else None)
             elif files.failure.exists():
                 found[name] = Film(None, self.line(files.failure))
             elif files.film.exists():

@@ -1,4 +1,5 @@
-"""CUDA kernels of `thalweg.env.device.step`, the ideal eyes and tasks: one thread per environment, in float64."""
+"""CUDA kernels of `thalweg.env.device.step`, of the ideal eyes, of tasks and of proprioception: one thread per
+environment, in float64."""
 
 from numba import cuda, float64
 
@@ -7,6 +8,7 @@ from thalweg.env.initial_poses import DRAWS
 from thalweg.env.task.ideal_eye import see_one
 from thalweg.env.task.priced.eye import see_in_task as see_one_in_task
 from thalweg.env.task.priced.props import props_of
+from thalweg.env.task.proprioception import feel_one
 from thalweg.env.vehicle.boat_eye import see_boat
 
 THREADS = 64
@@ -58,3 +60,10 @@ def props(courses, limits, world, pose, steps, scene, station, out):
     row = cuda.grid(1)
     if row < len(out):
         props_of(row, courses, limits, world, pose, steps, scene, station, out)
+
+
+def feel(courses, step_s, world, pose, segment, last_pose, last_action, out):
+    """As `proprioception.feel_all`."""
+    row = cuda.grid(1)
+    if row < len(out):
+        feel_one(courses, step_s, world[row], pose[row], segment[row], last_pose[row], last_action[row], out[row])

@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from thalweg.env.observation import parts_of
 from thalweg.env.task.priced.eye import features_of
 
 PROGRESS = ("visited", "idle", "steps")
@@ -21,17 +22,17 @@ PROGRESS = ("visited", "idle", "steps")
 """
 
 
-def critic_features(observation: str, task: str = "River", vehicle: str = "uav") -> tuple[str, ...]:
+def critic_features(observation: str | tuple[str, ...], task: str = "River", vehicle: str = "uav") -> tuple[str, ...]:
     """Return the names of the C numbers of `info["critic_obs"]`, in order; `observation`, `task` and `vehicle` as in
     `EnvConfig`.
 
     They are `PROGRESS`, then those of the ideal eye (`thalweg.env.task.priced.eye.features_of`, in metres and radians),
     unless the observation has these already.
     """
-    return PROGRESS if observation == "privileged" else (*PROGRESS, *features_of(task, vehicle))
+    return PROGRESS if "privileged" in parts_of(observation) else (*PROGRESS, *features_of(task, vehicle))
 
 
-def critic_space(observation: str, task: str = "River", vehicle: str = "uav") -> gymnasium.spaces.Box:
+def critic_space(observation: str | tuple[str, ...], task: str = "River", vehicle: str = "uav") -> gymnasium.spaces.Box:
     """Return the space of the C numbers of one environment."""
     return gymnasium.spaces.Box(-np.inf, np.inf, (len(critic_features(observation, task, vehicle)),), np.float32)
 

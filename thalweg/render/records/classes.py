@@ -3,5 +3,6 @@
 SKY, WATER, GROUND, PLANT, BRIDGE = range(5)
 SWIMMER, KAYAK, BUOY, STATION = range(5, 9)
 """Of props, see `thalweg.render.records.props`."""
-CLASSES = 9
-"""Number of classes."""
+
+CLASSES = ("sky", "water", "ground", "plant", "bridge", "swimmer", "kayak", "buoy", "station")
+"""Name of each id."""

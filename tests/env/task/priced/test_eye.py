@@ -106,7 +106,7 @@ def test_the_station_is_seen_and_stands_at_the_bank(world: str):
     env = flying("Portage", world, 12)
     river = rivers()[world].river
     points, arcs, widths, _ = reference.polyline(river)
-    props = env._props(env.frames.views(env.state))
+    props = env.props()
     assert props is not None and props.shape == (6, 1, 6)
     for row, pose in enumerate(env.state.pose):
         station = env.state.station[row]
@@ -126,7 +126,7 @@ def test_the_station_is_seen_and_stands_at_the_bank(world: str):
 def test_objects_about_a_vehicle_come_nearest_first(task: str, kinds: set[int]):
     env = flying(task, "Hard", 10)
     views = env.frames.views(env.state)
-    props = env._props(views)
+    props = env.observer.props(env.courses, views)
     assert props is not None and props.dtype == np.float32 and props.shape == (6, 24, 6)
     for row, pose in enumerate(env.state.pose):
         if task == "Swimmers":
@@ -152,6 +152,6 @@ def test_objects_reach_the_renderer_where_there_are_any():
         env.reset(seed=0)
         assert (renderer.props is not None) == drawn
         if drawn:
-            np.testing.assert_array_equal(renderer.props, env._props(env.frames.views(env.state)))
+            np.testing.assert_array_equal(renderer.props, env.props())
     # A renderer that knows no objects draws the paper's task.
     RiverVectorEnv(ring(), 2, EnvConfig(observation="mask"), renderer=BlankMaskRenderer()).reset(seed=0)

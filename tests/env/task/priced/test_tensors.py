@@ -10,6 +10,7 @@ from tests.env.handmade import BlankRenderer, ring
 from tests.env.task.priced.flights import PRICED, erratic, rivers
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.snapshot import StateError
+from thalweg.env.task.progress_share import progress_of
 from thalweg.env.task.rules import TASK_STATE
 from thalweg.env.torch_env import TensorRiverEnv
 
@@ -48,8 +49,11 @@ def test_steps_are_those_of_the_vector_environment(task: str, action: str):
         their_obs, their_reward, their_terminated, their_truncated, their_info = vector.step(chosen)
         if begun.any():
             follow(vector, tensors, begun)
-            their_obs, their_info["progress"] = vector.observe(), vector._progress()
-            their_info["critic_obs"] = vector._critic_obs()
+            their_obs, their_info["progress"] = (
+                vector.observe(),
+                progress_of(vector.config, vector.courses, vector.state),
+            )
+            their_info["critic_obs"] = vector.observer.critic_obs(vector.courses, vector.state)
         np.testing.assert_array_equal(obs.numpy(), their_obs)
         np.testing.assert_array_equal(reward.numpy(), their_reward)
         np.testing.assert_array_equal(terminated.numpy(), their_terminated)
@@ -66,10 +70,10 @@ def test_steps_are_those_of_the_vector_environment(task: str, action: str):
 def test_the_same_objects_are_drawn(task: str):
     tensors, vector = both(task, observation="rgb")
     drawn = BlankRenderer(128, 128)
-    tensors.__dict__["_renderer"] = drawn
+    tensors._observer.__dict__["renderer"] = drawn
     tensors.reset(seed=3)
     follow(vector, tensors, np.ones(N, bool), seed=0)
-    np.testing.assert_array_equal(drawn.props, vector._props(vector.frames.views(vector.state)))
+    np.testing.assert_array_equal(drawn.props, vector.props())
     assert drawn.props is not None and drawn.props[..., 0].any()
 
 

@@ -90,6 +90,13 @@ def eye_types() -> tuple[Any, ...]:
     return courses, types.float64, world, pose, segment, travel, PLANE
 
 
+def boat_eye_types() -> tuple[Any, ...]:
+    """Return the argument types of the kernel of the boat's ideal eye, as `TensorRiverEnv` passes them."""
+    _, courses, limits, _, state, *_ = rule_types()
+    world, pose = (dict(zip(State._fields, state.types, strict=True))[name] for name in SEEN[:2])
+    return courses, limits, world, pose, PLANE
+
+
 def task_eye_types() -> tuple[Any, ...]:
     """Return the argument types of the kernel of the ideal eye in a task."""
     _, courses, limits, _, state, *_ = rule_types()
@@ -132,9 +139,11 @@ def variants() -> dict[str, Variant]:
         postprocess.THREADS,
     )
     kernels["advance"] = Variant(rules.advance, rule_types(), rules.THREADS, fastmath=False)
+    kernels["advance_boats"] = Variant(rules.advance_boats, rule_types(), rules.THREADS, fastmath=False)
     kernels["see_in_task"] = Variant(rules.see_in_task, task_eye_types(), rules.THREADS, fastmath=False)
     kernels["props"] = Variant(rules.props, props_types(), rules.THREADS, fastmath=False)
     kernels["see"] = Variant(rules.see, eye_types(), rules.THREADS, fastmath=False)
+    kernels["see_boats"] = Variant(rules.see_boats, boat_eye_types(), rules.THREADS, fastmath=False)
     kernels["write_layers"] = Variant(postprocess.write_layers, (BUFFERS, SPACE, KINDS, KINDS), postprocess.THREADS)
     kernels["write_mask"] = Variant(postprocess.write_mask, (BUFFERS, KINDS), postprocess.THREADS)
     return kernels

@@ -24,13 +24,15 @@ TASK_IDS = {
     for level in LEVEL_IDS
 }
 """Gymnasium id of each other task (`thalweg.env.tasks`) on each level's fixed river."""
+BOAT_IDS = {"Easy": "thalweg/Easy-ASV-v0", "Medium-Deep": "thalweg/Medium-ASV-v0", "Hard-Deep": "thalweg/Hard-ASV-v0"}
+"""Gymnasium id of the boat (`EnvConfig.vehicle = "asv"`) on the fixed river of each level with water enough for it."""
 
 
 def make_torch(level: str, num_envs: int = 1, **options: Any) -> "TensorRiverEnv":
     """Return N environments of a level whose observations, rewards and costs are tensors on one device.
 
     Args:
-        level: "Easy", "Medium" or "Hard".
+        level: "Easy", "Medium" or "Hard"; for boats (`vehicle="asv"`) "Easy", "Medium-Deep" or "Hard-Deep".
         num_envs: N, the number of environments.
         options: `device` ("auto" by default, see `thalweg.core.compute.device`), `world_seeds` or `worlds`, `config`,
             and the fields of `thalweg.env.EnvConfig`.
@@ -44,6 +46,7 @@ def register_envs() -> None:
     """Register the Gymnasium ids of the levels; a second call changes nothing."""
     kwargs = {name: {"level": level} for level, name in LEVEL_IDS.items()}
     kwargs |= {name: {"level": level, "task": task} for (task, level), name in TASK_IDS.items()}
+    kwargs |= {name: {"level": level, "vehicle": "asv"} for level, name in BOAT_IDS.items()}
     for name, arguments in kwargs.items():
         if name not in registry:
             register(

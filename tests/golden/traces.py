@@ -18,6 +18,7 @@ from tests.algos import rollouts
 from tests.encoder.synthetic_frames import synthetic_frames
 from tests.env.handmade import ring
 from tests.env.task.priced.flights import PRICED, erratic
+from tests.env.vehicle.basins import arch_at, basin
 from tests.render import golden as golden_frames
 from tests.render import lake
 from tests.train.small_runs import rows_of, small, train
@@ -152,6 +153,29 @@ def rules() -> Trace:
             reasons.append(info["done_reason"])
         found[name] = np.concatenate([rewards, costs.ravel(), np.bincount(np.ravel(reasons) + 1, minlength=12)])
         found[f"{name} poses"] = env.get_state()["pose"]
+    return found
+
+
+def vehicles() -> Trace:
+    """What random actions and the pilot of the boat earn, cost and end with on Easy and in a basin, and what its ideal
+    eye tells."""
+    rocky = basin(lambda x, y: 0.5 + 0.05 * np.abs(y - 4.0), rocks=((20.0, 1.0, 0.7),), bridges=arch_at(35.0, 10.0))
+    found = {}
+    for name, world in (("Easy", load_or_build("Easy")), ("basin", rocky)):
+        env = RiverVectorEnv([world], 8, EnvConfig(observation="privileged", vehicle="asv"))
+        rng = np.random.default_rng(7)
+        seen, _ = env.reset(seed=3)
+        rewards, costs, reasons = np.zeros(8), np.zeros((8, 3)), []
+        for _ in range(100):
+            guided = env.pilot_actions()
+            actions = np.where(rng.random((8, 1)) < 0.3, rng.integers(0, 3, (8, 4)), guided)
+            seen, reward, _, _, info = env.step(actions)
+            rewards += reward
+            costs += info["costs"]
+            reasons.append(info["done_reason"])
+        found[name] = np.concatenate([rewards, costs.ravel(), np.bincount(np.ravel(reasons) + 1, minlength=12)])
+        found[f"{name} poses"] = env.get_state()["pose"]
+        found[f"{name} seen"] = seen
     return found
 
 
@@ -328,6 +352,7 @@ GOLDENS: dict[str, Golden] = {
     "props": Golden("PROPS", versions.PROPS, props, tolerance=0.02),
     "rules": Golden("RULES", versions.RULES, rules, tolerance=1e-9),
     "tasks": Golden("TASKS", versions.TASKS, tasks, tolerance=1e-6, smallest=1e-3),
+    "vehicles": Golden("VEHICLES", versions.VEHICLES, vehicles, tolerance=1e-6, smallest=1e-5),
     "privileged": Golden("PRIVILEGED", versions.PRIVILEGED, privileged, tolerance=1e-4, smallest=1e-3),
     "proprioception": Golden("PROPRIOCEPTION", versions.PROPRIOCEPTION, proprioception, tolerance=1e-4, smallest=1e-3),
     "evaluation": Golden("EVALUATION", versions.EVALUATION, evaluation, tolerance=1e-9),

@@ -4,7 +4,7 @@ import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from thalweg.encoder import Encoder
     from thalweg.world import Reach
 
+LEVELS_OF = {"uav": ("Easy", "Medium", "Hard"), "asv": ("Easy", "Medium-Deep", "Hard-Deep")}
+"""Levels of each vehicle, where none are named."""
+
 
 @dataclass(frozen=True)
 class Evaluate:
@@ -26,12 +29,14 @@ class Evaluate:
     policy: Positional[str]
     """A run's folder, a policy file, `packaged`, or a baseline: random, hover, forward, pilot, steady."""
     levels: tuple[str, ...] = ()
-    """Levels to fly on; by default Easy, Medium and Hard."""
+    """Levels to fly on; by default Easy, Medium and Hard, for the boat Easy, Medium-Deep and Hard-Deep."""
     river: River = NO_FILE
     world_seed: int | None = None
     """Seed of the plants and hills; only with --river."""
     world_seeds: tuple[str, ...] = ()
     """Seeds of rivers of each level, such as 0 5 1000:1016 (1016 excluded); by default that of its fixed river."""
+    vehicle: Literal["uav", "asv"] = "uav"
+    """`uav` flies; `asv` is a boat, for Easy, Medium-Deep and Hard-Deep."""
     episodes: int = 20
     """Number of starts per river, each flown once."""
     starts_seed: int = 0
@@ -62,7 +67,8 @@ class Evaluate:
         from thalweg.bench.evaluate.course import EvaluationConfig
         from thalweg.env import EnvConfig
 
-        rules = EnvConfig(observation="none", task=checked_task(self.task or "River"), hard=self.hard)
+        task = checked_task(self.task or "River")
+        rules = EnvConfig(observation="none", task=task, hard=self.hard, vehicle=self.vehicle)
         return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic, rules)
 
     @property
@@ -87,7 +93,7 @@ class Evaluate:
                 else "--river, whose plants and hills --world-seed chooses"
             )
             raise UsageError(f"--world-seeds does not go with {other}")
-        evaluate_and_print(self, (reach,) if reach is not None else self.levels or ("Easy", "Medium", "Hard"))
+        evaluate_and_print(self, (reach,) if reach is not None else self.levels or LEVELS_OF[self.vehicle])
         return 0
 
 
@@ -165,7 +171,7 @@ def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
         )
     file = encoder_of(policy) if sight == "frames" and command.encoder is None else command.encoder
     encoder = load_compatible_encoder(file, command.device) if sight == "frames" else None
-    check_policy_fits(policy, encoder, task=command.task or "River")
+    check_policy_fits(policy, encoder, task=command.task or "River", vehicle=command.vehicle)
     return encoder
 
 

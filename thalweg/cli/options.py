@@ -83,15 +83,17 @@ class RiverFile:
 River = Annotated[RiverFile, arg(name="")]
 """Its options stand among those of the command."""
 NO_FILE = RiverFile()
+DEFAULT_LEVEL = {"uav": "Medium", "asv": "Medium-Deep"}
+"""Level of each vehicle, where none is named."""
 
 
-def load_world(river: RiverFile, level: str | None, seed: int | None) -> Any:
-    """Return the world of the file, or that of the level and seed."""
+def load_world(river: RiverFile, level: str | None, seed: int | None, vehicle: str = "uav") -> Any:
+    """Return the world of the file, or that of the level and seed; of the usual level of a vehicle without one."""
     from thalweg.world import level_named, load_or_build
 
     if (reach := river.reach("--level", level)) is not None:
         return reach.build(seed or 0)
-    chosen = level_named(level or "Medium")
+    chosen = level_named(level or DEFAULT_LEVEL[vehicle])
     return load_or_build(chosen, chosen.default_seed if seed is None else seed)
 
 

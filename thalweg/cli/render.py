@@ -32,6 +32,8 @@ class RenderFrames:
     """Seed of the random poses, or of the pilot's flights."""
     task: str = "River"
     """Swimmers, Nests or Portage: also draw what stands in the river for this task, by --poses-seed."""
+    vehicle: Literal["uav", "asv"] = "uav"
+    """Vehicle whose starts or flights the poses are: `asv` is a boat, for Easy, Medium-Deep and Hard-Deep."""
     size: int = 128
     """Height and width of a frame in pixels."""
     quality: Literal["full", "fast"] = "full"
@@ -45,7 +47,7 @@ class RenderFrames:
 
     def run(self) -> int:
         self._check()
-        world = load_world(self.river, self.level, self.seed)
+        world = load_world(self.river, self.level, self.seed, self.vehicle)
         if self.pose is not None and not world.covers(*self.pose[:2]):
             raise UsageError(f"--pose: x = {self.pose[0]:g}, y = {self.pose[1]:g} is outside the map of {world.name}")
         self._warn_of_enclosure(world)
@@ -84,14 +86,14 @@ class RenderFrames:
         """Return the camera poses [K, 4]."""
         import numpy as np
 
-        from thalweg.env import sample_starts
+        from thalweg.env import EnvConfig, sample_starts
         from thalweg.env.pilot.flight_poses import pilot_poses
 
         if self.pose is not None:
             return np.array([self.pose])
         if self.poses == "pilot":
-            return pilot_poses(world, self.count, self.poses_seed)
-        return sample_starts(world, self.count, self.poses_seed)
+            return pilot_poses(world, self.count, self.poses_seed, self.vehicle)
+        return sample_starts(world, self.count, self.poses_seed, EnvConfig(vehicle=self.vehicle))
 
     def _write_gallery(self, world: Any, pose: Any) -> None:
         from thalweg.bench.pictures.gallery import gallery

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from thalweg.cli.options import NO_FILE, River, UsageError, checked_task, settings_from
+from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, River, UsageError, checked_task, settings_from
 from thalweg.cli.run_result import print_result
 from thalweg.core.config import to_plain
 from thalweg.core.seeds import parse_seeds
@@ -43,6 +43,8 @@ class Train:
     """Seed of all random numbers in the training."""
     num_envs: int = 16
     """Number of environments that step together."""
+    vehicle: Literal["uav", "asv"] = "uav"
+    """`uav` flies; `asv` is a boat, for Easy, Medium-Deep and Hard-Deep."""
     observation: Literal["frames", "privileged", "rgb+mask", "rgb", "mask"] = "frames"
     """`frames` through an encoder; `privileged`: what an ideal eye tells; the others: images, for --set policy=cnn."""
     proprioception: bool = False
@@ -69,9 +71,9 @@ class Train:
 
         settings = settings_from(self.set)
         algorithm = algorithm_named(self.algorithm)
-        river = self.river.reach("--level", self.level) or self.level or ("Medium",)
+        river = self.river.reach("--level", self.level) or self.level or (DEFAULT_LEVEL[self.vehicle],)
         seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError)
-        rules = EnvConfig(task=checked_task(self.task), hard=self.hard)
+        rules = EnvConfig(task=checked_task(self.task), hard=self.hard, vehicle=self.vehicle)
         training = RiverTraining(
             river, self.num_envs, seeds, rules, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory
         )
@@ -102,11 +104,12 @@ class Train:
     def _where(self, seeds: Sequence[int]) -> list[str]:
         """Return the options of an evaluation: the river of the run, unseen rivers if it had several, the encoder."""
         encoder = ["--encoder", str(self.encoder)] if self.encoder else []
+        encoder += ["--vehicle", self.vehicle] if self.vehicle != "uav" else []
         if words := self.river.words():
             return [*words, *(["--world-seed", str(seeds[0])] if seeds else []), *encoder]
         levels = ["--levels", *self.level] if self.level else []
         if len(seeds) == 1:
-            return [*(levels or ["--levels", "Medium"]), "--world-seeds", str(seeds[0]), *encoder]
+            return [*(levels or ["--levels", DEFAULT_LEVEL[self.vehicle]]), "--world-seeds", str(seeds[0]), *encoder]
         return [*levels, *(["--unseen"] if seeds else []), *encoder]
 
     def _check_settings(self, algorithm: "Entry", settings: dict[str, Any]) -> None:

@@ -15,6 +15,8 @@ RULES = 1
 """Motion, progress, reward, cost and termination."""
 TASKS = 1
 """What the tasks beside the paper's pay and cost, when they end, and what they add to the ideal eye."""
+VEHICLES = 1
+"""The boat: what it touches and pays for, its starts, its pilot, and what its ideal eye tells."""
 PRIVILEGED = 2
 """The numbers of the ideal eye."""
 PROPRIOCEPTION = 1

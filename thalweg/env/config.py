@@ -16,12 +16,14 @@ from pydantic import BeforeValidator, Field, InstanceOf, PositiveInt, model_vali
 from thalweg.core.config import FiniteNonNegative, FinitePositive, Hint, frozen_config, refuse_unknown
 from thalweg.env.observation import DRAWN, LAYERS, Observation, parts_of
 from thalweg.env.tasks import TASKS, Task, TaskName, TaskRules
+from thalweg.env.vehicle.boat import Boat
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
 
 ActionSpace = Literal["multidiscrete", "continuous"]
 RewardScheme = Literal["paper", "package"]
+Vehicle = Literal["uav", "asv"]
 
 
 class ConfigError(ValueError):
@@ -100,6 +102,14 @@ class Limits(NamedTuple):
     tight_cost: float
     loose_cost: float
     task: TaskRules
+    is_boat: int = 0
+    """1: the vehicle floats, and has the sizes below, see `thalweg.env.vehicle.boat.Boat`; 0: it flies."""
+    half_length: float = 0.0
+    half_beam: float = 0.0
+    draught: float = 0.0
+    keel_margin: float = 1.0
+    camera_height: float = 0.0
+    shallow_cost: float = 0.0
 
 
 def _default_ranges(value: Any) -> Any:
@@ -173,6 +183,12 @@ class EnvConfig:
     """Whether `info["critic_obs"]` says what critics may see beside the observation in training, see
     `thalweg.env.task.critic_info`. The task is the same either way, and states fit both."""
 
+    vehicle: Vehicle = "uav"
+    """`uav` flies; `asv` is a boat: it stays on the water, must not touch ground, rocks and bridges, and pays for
+    shallow water. See `thalweg.env.vehicle`."""
+    boat: InstanceOf[Boat] = field(default_factory=Boat)
+    """Sizes of the boat; without a meaning for the `uav`."""
+
     @model_validator(mode="after")
     def _maximum_height_is_above_the_minimum(self) -> Self:
         if not self.max_height_m > self.min_height_m:
@@ -186,6 +202,12 @@ class EnvConfig:
                 f"start_heading_deg must be at most max_yaw_deviation_deg = {self.max_yaw_deviation_deg}, "
                 f"got {self.start_heading_deg}"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _boats_have_the_task_of_the_paper(self) -> Self:
+        if self.vehicle == "asv" and self.task != "River":
+            raise ValueError(f"task must be River for the vehicle asv, got {self.task!r}")
         return self
 
     @model_validator(mode="after")
@@ -221,9 +243,10 @@ class EnvConfig:
     def as_data(self) -> dict[str, Any]:
         """Return what defines the task as plain data: all fields but `critic_info`, which nothing in it depends on.
 
-        The paper's task is that of data without `task` and `hard`: earlier versions knew no other.
+        The paper's task is that of data without `task`, `hard`, `vehicle` and `boat`: earlier versions knew no other.
         """
         left_out = {"critic_info"} | ({"task", "hard"} if self.task == "River" else set())
+        left_out |= {"vehicle", "boat"} if self.vehicle == "uav" else set()
         parts = {} if isinstance(self.observation, str) else {"observation": list(self.observation)}
         return {name: value for name, value in asdict(self).items() if name not in left_out} | parts
 
@@ -284,7 +307,23 @@ class EnvConfig:
             self.tight_cost,
             self.loose_cost,
             self.task_record.rules(hard=self.hard),
+            *self._boat_limits,  # pyright: ignore[reportArgumentType]
         )
+
+    @property
+    def _boat_limits(self) -> tuple[float, ...]:
+        """The numbers of the boat, in the order of `Limits`; none for the UAV, for which those have their defaults."""
+        if self.vehicle == "uav":
+            return ()
+        boat = self.boat
+        sizes = (0.5 * boat.length_m, 0.5 * boat.beam_m, boat.draught_m, boat.keel_margin_m, boat.camera_height_m)
+        return (1, *(float(value) for value in (*sizes, boat.shallow_cost)))
+
+    @property
+    def cost_kinds(self) -> tuple[str, ...]:
+        """Names of the columns of `info["costs"]`."""
+        kinds = self.task_record.cost_kinds
+        return kinds if self.vehicle == "uav" else (*kinds, "shallow")
 
 
 DEFAULT_CONFIG = EnvConfig()

@@ -32,11 +32,12 @@ class RiverEnv(gymnasium.Env):
         self.vector = RiverVectorEnv(
             [world], 1, config, renderer=renderer, autoreset_mode=AutoresetMode.DISABLED, render_mode=render_mode
         )
-        self.cost_kinds = self.vector.cost_kinds
         self.metadata = {**self.metadata, "render_fps": self.vector.metadata["render_fps"]}
         self.render_mode = render_mode
         self.observation_space = self.vector.single_observation_space
         self.action_space = self.vector.single_action_space
+        self.cost_kinds = self.vector.cost_kinds
+        """Names of the K kinds of `info["costs"]`."""
         if config.critic_info:
             self.critic_space = self.vector.single_critic_space
 

@@ -1,7 +1,8 @@
 """Initial poses of episodes: random safe poses, and the check of a pose that a user requests.
 
 A safe pose breaks no rule that a step could break. Random poses lie anywhere along the course, at any height in the
-permitted band, head either way within a limit, and keep a clearance from banks, islands and bridges.
+permitted band, head either way within a limit, and keep a clearance from banks, islands and bridges. A boat starts
+where it can turn on the spot to the direction of travel and go on from there, with the margin of water below its keels.
 """
 
 import math
@@ -14,12 +15,16 @@ from thalweg.env.task.ashore import project_anywhere
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.motion import Pose, wrap_angle
 from thalweg.env.task.progress import (
+    Projection,
     course_direction,
     interpolate,
     last_segment,
+    metres_left,
     projection_at,
+    sample_rows,
     track_projection,
 )
+from thalweg.env.task.rules import afloat
 from thalweg.env.task.termination import (
     TOLERANCE,
     first_bridge_hit,
@@ -28,6 +33,8 @@ from thalweg.env.task.termination import (
     rule_broken,
     yaw_deviation,
 )
+from thalweg.env.vehicle.hull import CLEAR, SOLID, first_hit, least_depth, touches_solid
+from thalweg.env.vehicle.lanes import lies_in_lane
 from thalweg.world.record import World
 
 DRAWS = 6
@@ -69,8 +76,9 @@ def propose_start(courses, world, limits, spread, draws):
 def try_start(courses, world, limits, spread, clearance, draws, out):
     """Return whether uniform numbers draws [DRAWS] give a safe start with a clearance (metres); write it to out [4]."""
     pose, near = propose_start(courses, world, limits, spread, draws)
+    _, projection = track_projection(courses, world, near, pose.x, pose.y)
+    pose = afloat(courses, world, limits, projection, pose)
     x, y, z = pose.x, pose.y, pose.z
-    _, projection = track_projection(courses, world, near, x, y)
     travel = travel_direction(courses, world, projection, pose.yaw)
     if metres_past_bank(courses, world, projection) > -clearance:
         return False
@@ -82,6 +90,18 @@ def try_start(courses, world, limits, spread, clearance, draws, out):
     # On an open course the last segment is the goal.
     if courses.closed[world] == 0 and projection.segment == last_segment(courses, world, travel):
         return False
+    if limits.is_boat != 0:
+        free = boat_can_set_off(courses, world, limits, projection, travel, pose, clearance)
+    else:
+        free = _is_clear_of_objects(courses, world, x, y, z, clearance)
+    if free:
+        out[0], out[1], out[2], out[3] = pose
+    return free
+
+
+@kernel(fastmath=False, allocates=False)
+def _is_clear_of_objects(courses, world, x, y, z, clearance):
+    """Return whether a point keeps a clearance (metres) from islands and bridges."""
     if first_bridge_hit(courses, world, x, y, z - clearance, x, y, z + clearance) >= 0:
         return False
     for side in range(8):
@@ -92,8 +112,27 @@ def try_start(courses, world, limits, spread, clearance, draws, out):
             or first_bridge_hit(courses, world, x, y, z, x + dx, y + dy, z) >= 0
         ):
             return False
-    out[0], out[1], out[2], out[3] = pose
     return True
+
+
+@kernel(fastmath=False, allocates=False)
+def boat_can_set_off(courses, world, limits, projection, travel, pose, clearance):
+    """Return whether a boat at a `Pose` can turn on the spot to the direction of travel, keeping the margin of water
+    below its keels and a clearance (metres) from what is solid, and whether a way through the river leads on from
+    there."""
+    course = course_direction(courses, world, projection) + (0.0 if travel > 0 else math.pi)
+    error = wrap_angle(course - pose.yaw)
+    turns = int(math.ceil(abs(error) / limits.yaw_step))  # noqa: RUF046 - a float on GPUs
+    for turn in range(turns + 1):
+        yaw = pose.yaw + (error * turn / turns if turns > 0 else 0.0)
+        if touches_solid(courses, world, pose.x, pose.y, yaw, limits, clearance):
+            return False
+        if least_depth(courses, world, pose.x, pose.y, yaw, limits) < limits.draught + limits.keel_margin:
+            return False
+    a, b = sample_rows(courses, world, projection.segment)
+    left = metres_left(courses, world, projection, pose.x, pose.y)
+    way = 0 if travel > 0 else 1
+    return lies_in_lane(courses, a, way, left) and lies_in_lane(courses, b, way, left)
 
 
 def random_start(
@@ -128,14 +167,26 @@ def check_pose(courses: CourseArrays, world: int, config: EnvConfig, pose: np.nd
         raise UnsafePoseError(f"a pose is four finite numbers x, y, z, yaw, not {pose.tolist()}")
     x, y, z, yaw = (float(value) for value in pose)
     projection = project_anywhere(courses, world, x, y)
+    if config.vehicle == "asv":
+        _check_hull(courses, world, config, Pose(x, y, z, yaw), projection)
+    else:
+        _check_volume(courses, world, config, Pose(x, y, z, yaw), projection)
+    travel = travel_direction(courses, world, projection, yaw)
+    angle = math.degrees(yaw_deviation(courses, world, projection, yaw, travel))
+    if angle > config.max_yaw_deviation_deg + math.degrees(TOLERANCE):
+        raise UnsafePoseError(
+            f"heading {angle:.4g} degrees off the course is above"
+            f" max_yaw_deviation_deg = {config.max_yaw_deviation_deg:g}"
+        )
+
+
+def _check_volume(courses: CourseArrays, world: int, config: EnvConfig, pose: Pose, projection: Projection) -> None:
+    """Raise `UnsafePoseError` if a pose is outside the volume in which a vehicle may fly."""
+    x, y, z, _ = pose
     bridge = first_bridge_hit(courses, world, x, y, z, x, y, z)
     if bridge >= 0:
         raise UnsafePoseError(f"the body touches the collision hull of bridge {bridge} at ({x:.2f}, {y:.2f}, {z:.2f})")
-    excess = metres_past_bank(courses, world, projection)
-    if excess > TOLERANCE:
-        raise UnsafePoseError(
-            f"({x:.2f}, {y:.2f}) is {projection.distance:.2f} m from the centre line, {excess:.2f} m beyond the bank"
-        )
+    _check_bank(courses, world, x, y, projection)
     island = island_at(courses, world, x, y)
     if island >= 0:
         raise UnsafePoseError(f"({x:.2f}, {y:.2f}) lies on island {island}, which is land")
@@ -144,10 +195,27 @@ def check_pose(courses: CourseArrays, world: int, config: EnvConfig, pose: np.nd
         raise UnsafePoseError(f"height {height:.4g} m is below min_height_m = {config.min_height_m:g}")
     if height > config.max_height_m + TOLERANCE:
         raise UnsafePoseError(f"height {height:.4g} m is above max_height_m = {config.max_height_m:g}")
-    travel = travel_direction(courses, world, projection, yaw)
-    angle = math.degrees(yaw_deviation(courses, world, projection, yaw, travel))
-    if angle > config.max_yaw_deviation_deg + math.degrees(TOLERANCE):
+
+
+def _check_bank(courses: CourseArrays, world: int, x: float, y: float, projection: Projection) -> None:
+    """Raise `UnsafePoseError` if a point is beyond the banks."""
+    excess = metres_past_bank(courses, world, projection)
+    if excess > TOLERANCE:
         raise UnsafePoseError(
-            f"heading {angle:.4g} degrees off the course is above"
-            f" max_yaw_deviation_deg = {config.max_yaw_deviation_deg:g}"
+            f"({x:.2f}, {y:.2f}) is {projection.distance:.2f} m from the centre line, {excess:.2f} m beyond the bank"
+        )
+
+
+def _check_hull(courses: CourseArrays, world: int, config: EnvConfig, pose: Pose, projection: Projection) -> None:
+    """Raise `UnsafePoseError` if a boat's hull does not float freely at a pose; its height has no meaning."""
+    x, y, _, yaw = pose
+    _check_bank(courses, world, x, y, projection)
+    hit = first_hit(courses, world, config.limits, pose, pose)
+    if hit == SOLID:
+        raise UnsafePoseError(f"the hull touches a rock or a bridge at ({x:.2f}, {y:.2f})")
+    if hit != CLEAR:
+        depth = least_depth(courses, world, x, y, yaw, config.limits)
+        raise UnsafePoseError(
+            f"the boat is aground at ({x:.2f}, {y:.2f}): {depth:.2f} m of water under the hull, draught"
+            f" {config.boat.draught_m:g} m"
         )

@@ -16,6 +16,7 @@ from thalweg.env.task.priced.props import props_in
 from thalweg.env.task.progress_share import progress_of
 from thalweg.env.task.proprioception import PROPRIOCEPTION, feel_all, no_last_step
 from thalweg.env.task.rules import State
+from thalweg.env.vehicle.boat_eye import see_boats
 
 LAYERS = {"rgb": "rgb", "mask": "mask", "depth": "depth_m", "class": "class_id"}
 """Field of a `thalweg.render.Frame` that holds a part of an observation."""
@@ -89,13 +90,17 @@ class Observer:
         return {part: parts[part] for part in kind}
 
     def see(self, courses: CourseArrays, views: Views) -> np.ndarray:
-        """Return what the ideal eye sees [M, F] float32; F is the number of `priced.eye.features_of` the task."""
-        seen = np.empty((len(views.pose), len(features_of(self.config.task))), np.float32)
+        """Return what the ideal eye sees [M, F] float32; F is the number of `priced.eye.features_of` the task and the
+        vehicle."""
+        features = len(features_of(self.config.task, self.config.vehicle))
+        seen = np.empty((len(views.pose), features), np.float32)
         at, limits = (views.world, views.pose, views.segment, views.travel), self.config.limits
         if self.config.task == "River":
             see_all(courses, limits.max_height, *at, seen)
         else:
             see_all_in_task(courses, limits, *at, views.steps, views.scene, views.station, seen)
+        if limits.is_boat:
+            see_boats(courses, limits, views.world, views.pose, seen)
         return seen
 
     def props(self, courses: CourseArrays, views: Views) -> np.ndarray | None:
@@ -116,7 +121,7 @@ class Observer:
 
     def critic_obs(self, courses: CourseArrays, state: State) -> np.ndarray:
         """Return what critics may see beside the observations of a state [N, C] float32."""
-        count = len(critic_features(self.config.observation, self.config.task))
+        count = len(critic_features(self.config.observation, self.config.task, self.config.vehicle))
         told = np.empty((self.num_envs, count), np.float32)
         write_progress(
             told,

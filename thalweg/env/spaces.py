@@ -91,26 +91,30 @@ def from_unit_actions(kind: str, unit_actions: np.ndarray, fast_ratio: float = 0
 
 
 def observation_space(
-    kind: str | tuple[str, ...], height_px: int, width_px: int, task: str = "River"
+    kind: str | tuple[str, ...], height_px: int, width_px: int, task: str = "River", vehicle: str = "uav"
 ) -> gymnasium.spaces.Space:
-    """Return the observation space of one environment; `kind` as in `EnvConfig.observation`, `task` as there."""
+    """Return the observation space of one environment; `kind` as in `EnvConfig.observation`, `task` and `vehicle` as
+    there."""
     if kind == "none":
         return gymnasium.spaces.Box(-np.inf, np.inf, (4,), np.float64)
     if kind == "rgb+mask":
         return gymnasium.spaces.Box(0, 255, (height_px, width_px, 4), np.uint8)
-    parts = part_spaces(height_px, width_px, task)
+    parts = part_spaces(height_px, width_px, task, vehicle)
     if kind == "dict":
         kind = ("rgb", "mask")
     return parts[kind] if isinstance(kind, str) else gymnasium.spaces.Dict({part: parts[part] for part in kind})
 
 
-def part_spaces(height_px: int, width_px: int, task: str = "River") -> dict[str, gymnasium.spaces.Box]:
+def part_spaces(
+    height_px: int, width_px: int, task: str = "River", vehicle: str = "uav"
+) -> dict[str, gymnasium.spaces.Box]:
     """Return the space of each part of an observation, see `thalweg.env.observation.PARTS`.
 
     * rgb, mask: uint8 [H, W, 3] sRGB and [H, W, 1], 0 or 255 where water is seen.
     * depth: float32 [H, W, 1], metres along the optical axis to what is seen; `SKY_DEPTH_M` for the sky.
     * class: uint8 [H, W, 1], index in `thalweg.render.records.classes.CLASSES`.
-    * proprioception, privileged: float32, the numbers of `PROPRIOCEPTION`, and of the ideal eye in the task.
+    * proprioception, privileged: float32, the numbers of `PROPRIOCEPTION`, and of the ideal eye of the
+      vehicle in the task.
     """
 
     def image(channels: int, low: float = 0, high: float = 255, dtype: Any = np.uint8) -> gymnasium.spaces.Box:
@@ -125,7 +129,7 @@ def part_spaces(height_px: int, width_px: int, task: str = "River") -> dict[str,
         "depth": image(1, SKY_DEPTH_M, np.inf, np.float32),
         "class": image(1, 0, len(CLASSES) - 1),
         "proprioception": numbers(PROPRIOCEPTION),
-        "privileged": numbers(features_of(task)),
+        "privileged": numbers(features_of(task, vehicle)),
     }
 
 

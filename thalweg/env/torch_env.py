@@ -70,7 +70,7 @@ class TensorRiverEnv:
             raise ConfigError("environments of tensors do not change river: give worlds, not a list of rivers")
         self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
         self.num_envs, self.config = integer_at_least("num_envs", num_envs, 1), config
-        self.cost_kinds = config.task_record.cost_kinds
+        self.cost_kinds = config.cost_kinds
         """Names of the K kinds of `info["costs"]`."""
         self.device = torch.device(resolve_device(device))
         self._launcher = Launcher(self.device, self.num_envs)
@@ -88,11 +88,11 @@ class TensorRiverEnv:
         self._started = False
         size = config.camera.height_px, config.camera.width_px
         self.single_action_space = action_space(config.action)
-        self.single_observation_space = observation_space(config.observation, *size, config.task)
+        self.single_observation_space = observation_space(config.observation, *size, config.task, config.vehicle)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         if config.critic_info:
-            self.single_critic_space = critic_space(config.observation, config.task)
+            self.single_critic_space = critic_space(config.observation, config.task, config.vehicle)
 
     def _allocate(self, courses: CourseArrays) -> None:
         """Create the tensors of all episodes, and the kernels' views of them."""
@@ -209,8 +209,8 @@ class TensorRiverEnv:
             # Launches that are replayed read the same memory again.
             self._actions.copy_(unit_actions)
             unit_actions = self._actions
-        array = self._launcher.array
-        self._launcher.run("advance", advance_all, lambda: (array(unit_actions), *self._arguments))
+        array, kernel = self._launcher.array, "advance_boats" if self.config.limits.is_boat else "advance"
+        self._launcher.run(kernel, advance_all, lambda: (array(unit_actions), *self._arguments))
         self._observer.start(begun)
 
     def _unit_actions(self, actions: Tensor) -> Tensor:

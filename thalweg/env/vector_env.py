@@ -34,7 +34,16 @@ from thalweg.env.spaces import (
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.critic_info import critic_space
 from thalweg.env.task.progress_share import progress_of
-from thalweg.env.task.rules import TASK_STATE, begin_task, clear_outcome, empty_outcome, empty_state, step_all
+from thalweg.env.task.rules import (
+    TASK_STATE,
+    afloat,
+    begin_task,
+    clear_outcome,
+    empty_outcome,
+    empty_state,
+    pose_of,
+    step_all,
+)
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
 
@@ -51,12 +60,12 @@ class RiverVectorEnv(VectorEnv):
     background; `info["river"]` [N] is the index of the river in the list.
 
     In every autoreset mode, `info` belongs to the action just taken: `cost` [N], `costs` [N, K] by kind
-    (`cost_kinds`: tight, loose, and that of the task), `done_reason` [N], `progress` [N] (share of segments visited, of
-    `Portage` that of the greatest way to the station) and `pose` [N, 4]. `final_obs` and `final_info` are as
-    Gymnasium defines them. With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs to the state that the
-    observation shows, see `thalweg.env.task.critic_info`; after an automatic reset in the same step, that of the last
-    state is in `final_info`. Environment i has a random generator of its own, seeded with seed + i, so that its
-    episodes do not depend on the number of environments.
+    (`cost_kinds`: tight, loose, that of the task, and shallow for a boat), `done_reason` [N], `progress` [N] (share of
+    segments visited, of `Portage` that of the greatest way to the station) and `pose` [N, 4]. `final_obs` and
+    `final_info` are as Gymnasium defines them. With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs to the
+    state that the observation shows, see `thalweg.env.task.critic_info`; after an automatic reset in the same step,
+    that of the last state is in `final_info`. Environment i has a random generator of its own, seeded with seed + i, so
+    that its episodes do not depend on the number of environments.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012
@@ -121,18 +130,18 @@ class RiverVectorEnv(VectorEnv):
         self.generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._started = np.zeros(self.num_envs, dtype=bool)
         self._ended = np.zeros(self.num_envs, dtype=bool)
-        self.cost_kinds = config.task_record.cost_kinds
+        self.cost_kinds = config.cost_kinds
         """Names of the K kinds of `info["costs"]`."""
         self._outcome = empty_outcome(self.num_envs, len(self.cost_kinds))
 
         self.single_action_space = action_space(config.action)
         self.single_observation_space = observation_space(
-            config.observation, self.camera.height_px, self.camera.width_px, config.task
+            config.observation, self.camera.height_px, self.camera.width_px, config.task, config.vehicle
         )
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         if config.critic_info:
-            self.single_critic_space = critic_space(config.observation, config.task)
+            self.single_critic_space = critic_space(config.observation, config.task, config.vehicle)
 
     @property
     def courses(self) -> CourseArrays:
@@ -265,12 +274,13 @@ class RiverVectorEnv(VectorEnv):
         """Return a pilot in the rivers of now, and the state as it takes it."""
         from thalweg.env.pilot.in_rivers import PILOTS, PilotInRivers
 
-        if name not in PILOTS:
-            raise ConfigError(f"unknown pilot {name!r}; known: {', '.join(PILOTS)}")
+        pilots = PILOTS[self.config.vehicle]
+        if name not in pilots:
+            raise ConfigError(f"unknown pilot {name!r} of the {self.config.vehicle}; known: {', '.join(pilots)}")
         if not self._started.all():
             raise gymnasium.error.ResetNeeded("call reset() before asking a pilot")
         if name not in self._pilots:
-            self._pilots[name] = PilotInRivers(PILOTS[name], self.config)
+            self._pilots[name] = PilotInRivers(pilots[name], self.config)
         return self._pilots[name].pilot(self.rivers, self.state)
 
     def get_state(self) -> dict[str, np.ndarray]:
@@ -353,9 +363,10 @@ class RiverVectorEnv(VectorEnv):
         else:
             time_s = random_clock(generator)
         state.pose[row] = pose
-        self.observer.start(row, state.pose[row])
         x, y, _, yaw = state.pose[row]
         projection = project_anywhere(self.courses, world, x, y)
+        state.pose[row] = afloat(self.courses, world, self.limits, projection, pose_of(state.pose, row))
+        self.observer.start(row, state.pose[row])
         state.segment[row] = projection.segment
         state.travel[row] = travel_direction(self.courses, world, projection, yaw)
         state.visited[row] = 0

@@ -72,12 +72,14 @@ def check_policy_fits(
     offered: str | None = None,
     proprioception: bool | None = None,
     task: str = "River",
+    vehicle: str = "uav",
 ) -> None:
     """Raise `TrainingError` unless a policy fits an observation and the actions of the river task.
 
     The observation is the codes of the encoder. For None it is `offered`, by default images for a policy of images, and
-    the privileged observation, which differs by `task`, for any other. `proprioception` is whether that is offered too,
-    by default to a policy that takes it. A policy without spaces, such as a baseline, always fits.
+    the privileged observation, which differs by `task` and `vehicle`, for any other. `proprioception` is whether that
+    is offered too, by default to a policy that takes it. A policy without spaces, such as a baseline, always fits. The
+    vehicle must be the one that the policy was trained for.
     """
     context, seen = context_of(policy), observation_of(policy)
     if encoder is not None:
@@ -96,7 +98,10 @@ def check_policy_fits(
             f" trained {here}, or fly {trained}"
         )
     _check_versions(seen, context)
-    _check_inputs(policy, offered, encoder, task)
+    trained_for = context.get("env", {}).get("vehicle", "uav")
+    if context and trained_for != vehicle:
+        raise TrainingError(f"the policy was trained for the vehicle {trained_for}, not {vehicle}")
+    _check_inputs(policy, offered, encoder, (task, vehicle))
     actions: Actions | None = getattr(policy, "actions", None)
     if actions is not None and (actions.sizes, actions.start, actions.shape) != (BRANCHES, (0, 0, 0, 0), (4,)):
         found = f"{actions.sizes} from {actions.start}" if actions.sizes else f"a Box of shape {actions.shape}"
@@ -123,12 +128,13 @@ def _check_versions(seen: str, context: dict[str, Any]) -> None:
             f"the policy was trained on version {felt_with} of proprioception, but this is version"
             f" {versions.PROPRIOCEPTION}; train it again"
         )
-    tasks = context.get("tasks_version", versions.TASKS)
-    if tasks != versions.TASKS:
-        raise TrainingError(
-            f"the policy was trained on version {tasks} of the tasks, but this is version {versions.TASKS}; train it"
-            " again"
-        )
+    for name, kept in (("tasks", versions.TASKS), ("vehicles", versions.VEHICLES)):
+        trained_on = context.get(f"{name}_version", kept)
+        if trained_on != kept:
+            raise TrainingError(
+                f"the policy was trained on version {trained_on} of the {name}, but this is version {kept}; train it"
+                " again"
+            )
     drawn_with = context.get("render_version")
     if seen in IMAGES and drawn_with != RENDER_VERSION:
         raise TrainingError(
@@ -137,15 +143,18 @@ def _check_versions(seen: str, context: dict[str, Any]) -> None:
         )
 
 
-def _check_inputs(policy: Any, offered: str, encoder: Encoder | None, task: str) -> None:
-    """Raise `TrainingError` unless a policy takes as many numbers, or images of the shape, that it is offered."""
+def _check_inputs(policy: Any, offered: str, encoder: Encoder | None, of: tuple[str, str]) -> None:
+    """Raise `TrainingError` unless a policy takes as many numbers, or images of the shape, that it is offered.
+
+    `of` are the task and the vehicle, by which the privileged observation differs.
+    """
     if offered in IMAGES:
         camera = DEFAULT_CONFIG.camera
         needed = (camera.height_px, camera.width_px, CHANNELS[offered])
         offers = f"{IN_WORDS[offered]} have the shape"
     elif encoder is None:
-        of_task = "" if task == "River" else f" of the task {task}"
-        needed, offers = len(features_of(task)), f"privileged observation{of_task} has"
+        of_task = "" if of[0] == "River" else f" of the task {of[0]}"
+        needed, offers = len(features_of(*of)), f"privileged observation{of_task} has"
     else:
         needed, offers = encoder.latent, "encoder returns"
     if not isinstance(needed, tuple) and feels(policy):

@@ -201,6 +201,11 @@ class RiverTraining:
         """
         entry = algorithm_named(algorithm)
         resolved = configured(entry, settings, preset, self.num_envs, begin_with)
+        if getattr(resolved, "separate_costs", False) and len(self.config.cost_kinds) > 2:
+            raise TrainingError(
+                "cost_limits are limits of tight and loose costs, but this task has also"
+                f" {', '.join(self.config.cost_kinds[2:])}: set cost_limit, that of their sum"
+            )
         begun = None if begin_with is None else load_policy(begin_with)
         seen = observation_of_run(sees_images(resolved), encoder, observation, begun)
         felt = proprioception or "proprioception" in self.config.parts
@@ -209,7 +214,8 @@ class RiverTraining:
         existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
         if begun is not None:
-            check_policy_fits(begun, encoder, offered=seen, proprioception=felt, task=self.config.task)
+            rules = self.config
+            check_policy_fits(begun, encoder, offered=seen, proprioception=felt, task=rules.task, vehicle=rules.vehicle)
         if encoder is not None:
             check_camera_fits(self.config.camera, encoder)
         device = resolve_device(device)
@@ -256,6 +262,8 @@ class RiverTraining:
             about[FELT] = versions.PROPRIOCEPTION
         if self.config.task != "River":
             about["tasks_version"] = versions.TASKS
+        if self.config.vehicle != "uav" and seen == PRIVILEGED:
+            about["vehicles_version"] = versions.VEHICLES
         config = self.config if encoder is not None and not felt else self._config_of(seen, encoder, felt)
         return {**self.about(), **about, "env": config.as_data()}
 
@@ -305,7 +313,8 @@ class RiverTraining:
         rivers = RiverList.of_levels([(level, self.seeds) for level in levels], self.rivers_in_memory)
         if not self.changes_river:
             # Where nothing is drawn, rivers need no land, which takes most of the time to build.
-            return RiverVectorEnv([rivers.course(river) for river in range(len(rivers))], self.num_envs, config)
+            bare = rivers.course if config.vehicle == "uav" else rivers.sounded
+            return RiverVectorEnv([bare(river) for river in range(len(rivers))], self.num_envs, config)
         env = RiverVectorEnv(rivers, self.num_envs, config)
         if isinstance(env.rivers, DrawnRivers):
             print_once(env.rivers.pool.description)

@@ -7,7 +7,7 @@ import hashlib
 import math
 import operator
 import re
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
 from typing import Any, NamedTuple
 
 from thalweg.core.suggestion import did_you_mean
@@ -198,11 +198,24 @@ LEVELS: dict[str, Level] = {
 }
 
 
+DEEP_LEVELS: dict[str, Level] = {
+    level.name: level
+    for level in (
+        replace(LEVELS["Medium"], name="Medium-Deep", width_m=(4.5, 16.0), depth_m=1.6, depth_variation=0.3),
+        replace(LEVELS["Hard"], name="Hard-Deep", width_m=(4.2, 20.0), depth_m=2.2, depth_variation=0.4),
+    )
+}
+"""Medium and Hard with water enough for a boat of 2 m by 1.08 m that draws 0.32 m, beside every island too. On Hard
+itself it would lie on the ground, and on Medium it could not always avoid shallows; Easy has room as it is."""
+ALL_LEVELS: dict[str, Level] = LEVELS | DEEP_LEVELS
+"""Everything that has a name."""
+
+
 def level_named(name: str) -> Level:
     """Return the level with that name, in any case; raises `WorldError` that lists the known levels."""
     if not isinstance(name, str):
-        raise WorldError(f"a level is a name or a Level, not {name!r}; known: {', '.join(LEVELS)}")
-    for known, level in LEVELS.items():
+        raise WorldError(f"a level is a name or a Level, not {name!r}; known: {', '.join(ALL_LEVELS)}")
+    for known, level in ALL_LEVELS.items():
         if known.lower() == name.lower():
             return level
-    raise WorldError(f"unknown level {name!r}{did_you_mean(name, LEVELS)}; known: {', '.join(LEVELS)}")
+    raise WorldError(f"unknown level {name!r}{did_you_mean(name, ALL_LEVELS)}; known: {', '.join(ALL_LEVELS)}")

@@ -17,6 +17,7 @@ from thalweg.env import EnvConfig, sample_starts
 from thalweg.env.frame_renderer import relit_worlds
 from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.env.rivers.bare_river import load_or_plan
+from thalweg.env.rivers.sounded_river import load_or_sound
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.river import announce_build
 from thalweg.world import Level, World, level_named, load_or_build
@@ -91,7 +92,7 @@ class Course:
         `of_level`."""
         chosen = level_named(level)
         for seed in seeds:
-            yield cls.on(_river(chosen, seed, drawn), config)
+            yield cls.on(_river(chosen, seed, drawn, config.env.vehicle), config)
 
     @classmethod
     def unseen(cls, level: str, config: EvaluationConfig, *, drawn: bool = True) -> list["Course"]:
@@ -161,9 +162,10 @@ class Course:
         )
 
 
-def _river(level: Level, seed: int, drawn: bool) -> World:
-    """Return the river of a level and a seed, without land unless it is `drawn`; a build is announced."""
+def _river(level: Level, seed: int, drawn: bool, vehicle: str) -> World:
+    """Return the river of a level and a seed, without land unless it is `drawn`, but with the bed that a boat needs; a
+    build is announced."""
     if not drawn:
-        return load_or_plan(level, seed)
+        return load_or_plan(level, seed) if vehicle == "uav" else load_or_sound(level, seed)
     announce_build(level, seed)
     return load_or_build(level, seed)

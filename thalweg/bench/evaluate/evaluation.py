@@ -231,7 +231,7 @@ def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
     """Return what a policy for which nothing is drawn sees in each slot [N, D]."""
     if sees == "privileged":
         return env.ideal_eye()
-    return env.pilot_actions(sees) if sees in PILOTS else np.zeros((env.num_envs, 0), np.float32)
+    return env.pilot_actions(sees) if sees in PILOTS["uav"] else np.zeros((env.num_envs, 0), np.float32)
 
 
 def start_env(course: Course, config: EvaluationConfig, sees: Sight = "nothing", felt: bool = False) -> RiverVectorEnv:

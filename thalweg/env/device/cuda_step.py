@@ -1,4 +1,4 @@
-"""CUDA kernels of `thalweg.env.device.step`, of the ideal eye, of tasks and of proprioception: one thread per
+"""CUDA kernels of `thalweg.env.device.step`, of the ideal eyes, of tasks and of proprioception: one thread per
 environment, in float64."""
 
 from numba import cuda, float64
@@ -9,15 +9,26 @@ from thalweg.env.task.ideal_eye import see_one
 from thalweg.env.task.priced.eye import see_in_task as see_one_in_task
 from thalweg.env.task.priced.props import props_of
 from thalweg.env.task.proprioception import feel_one
+from thalweg.env.vehicle.boat_eye import see_boat
 
 THREADS = 64
 """Threads of a block: few, so that a few thousand environments are spread over the whole GPU."""
 
 
 def advance(actions, courses, limits, reset, state, outcome, ended):
-    """As `step.advance_all`."""
+    """As `step.advance_all`, for vehicles that fly."""
     row = cuda.grid(1)
-    if row >= len(ended):
+    # The compiler leaves out what only a boat needs, which would take most of the registers.
+    if row >= len(ended) or limits.is_boat != 0:
+        return
+    draws = cuda.local.array(DRAWS, float64)
+    advance_one(row, actions, courses, limits, reset, state, outcome, ended, draws)
+
+
+def advance_boats(actions, courses, limits, reset, state, outcome, ended):
+    """As `step.advance_all`, for boats."""
+    row = cuda.grid(1)
+    if row >= len(ended) or limits.is_boat == 0:
         return
     draws = cuda.local.array(DRAWS, float64)
     advance_one(row, actions, courses, limits, reset, state, outcome, ended, draws)
@@ -28,6 +39,13 @@ def see(courses, max_height, world, pose, segment, travel, out):
     row = cuda.grid(1)
     if row < len(out):
         see_one(courses, max_height, world[row], pose[row], segment[row], travel[row], out[row])
+
+
+def see_boats(courses, limits, world, pose, out):
+    """As `boat_eye.see_boats`."""
+    row = cuda.grid(1)
+    if row < len(out):
+        see_boat(courses, limits, world[row], pose[row], out[row])
 
 
 def see_in_task(courses, limits, world, pose, segment, travel, steps, scene, station, out):

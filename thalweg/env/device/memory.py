@@ -23,7 +23,7 @@ LAYER_BYTES = 4 + 1
 
 def bytes_per_env(courses: CourseArrays, config: EnvConfig, frames: int) -> int:
     """Return the bytes of one environment with a number of frames."""
-    arrays = (*empty_state(np.zeros(1, np.int64), courses), *empty_outcome(1, len(config.task_record.cost_kinds)))
+    arrays = (*empty_state(np.zeros(1, np.int64), courses), *empty_outcome(1, len(config.cost_kinds)))
     felt = FELT_BYTES if "proprioception" in config.parts else 0
     props = 4 * PROP_COLUMNS * config.task_record.props
     pixel = config.channels + (LAYER_BYTES if config.draws_layers else 0)

@@ -16,6 +16,7 @@ from thalweg.env.task.ideal_eye import see_all
 from thalweg.env.task.priced.eye import features_of, see_all_in_task
 from thalweg.env.task.priced.props import all_props
 from thalweg.env.task.proprioception import PROPRIOCEPTION, feel_all
+from thalweg.env.vehicle.boat_eye import see_boats
 from thalweg.render.records import pinhole
 from thalweg.render.records.appearance import HALF_H, HALF_W, PITCH, look_rows, look_values
 from thalweg.render.records.pinhole import CameraMatrices
@@ -82,7 +83,8 @@ class TensorObserver:
         return {part: makers[part]() if part in makers else drawn[part] for part in kind}
 
     def see(self) -> Tensor:
-        """Return what the ideal eye sees [N, F] float32; F is the number of `priced.eye.features_of` the task."""
+        """Return what the ideal eye sees [N, F] float32; F is the number of `priced.eye.features_of` the task and the
+        vehicle."""
         names, limits = ("world", "pose", "segment", "travel"), self.config.limits
         if self.config.task == "River":
             self._launcher.run(
@@ -96,6 +98,12 @@ class TensorObserver:
                 "see_in_task",
                 see_all_in_task,
                 lambda: (self._courses, limits, *self._arrays(*names), self._array(self._seen)),
+            )
+        if limits.is_boat:
+            self._launcher.run(
+                "see_boats",
+                see_boats,
+                lambda: (self._courses, limits, *self._arrays("world", "pose"), self._array(self._seen)),
             )
         return self._seen.clone()
 
@@ -181,7 +189,7 @@ class TensorObserver:
     @cached_property
     def _seen(self) -> Tensor:
         """What the ideal eye sees [N, F] float32; memory that `see` fills again and again."""
-        return self._zeros(len(features_of(self.config.task)), dtype=torch.float32)
+        return self._zeros(len(features_of(self.config.task, self.config.vehicle)), dtype=torch.float32)
 
     @cached_property
     def _felt(self) -> Tensor:

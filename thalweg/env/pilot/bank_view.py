@@ -9,9 +9,8 @@ import math
 
 from thalweg.core.compute.jit import kernel
 from thalweg.env.pilot.heights import UNBOUNDED
-from thalweg.env.pilot.ways import metres_left
 from thalweg.env.task.motion import wrap_angle
-from thalweg.env.task.progress import course_direction, interpolate
+from thalweg.env.task.progress import course_direction, interpolate, metres_left
 from thalweg.env.task.termination import yaw_deviation
 
 BANK_AHEAD_RAD = math.radians(55.0)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from thalweg.env.config import EnvConfig
+from thalweg.env.pilot.boat import BoatPilot
 from thalweg.env.pilot.scripted import ScriptedPilot
 from thalweg.env.pilot.steady import SteadyPilot
 from thalweg.env.rivers.assignment import Rivers
@@ -16,10 +17,12 @@ from thalweg.env.task.rules import State
 
 KEPT_ROUTES = 512
 """Routes that are kept, up to 200 kB each."""
-PILOTS: dict[str, type[ScriptedPilot] | type[SteadyPilot]] = {"scripted": ScriptedPilot, "steady": SteadyPilot}
-"""The pilots by their names."""
-
-Pilot = ScriptedPilot | SteadyPilot
+Pilot = ScriptedPilot | SteadyPilot | BoatPilot
+PILOTS: dict[str, dict[str, type[Pilot]]] = {
+    "uav": {"scripted": ScriptedPilot, "steady": SteadyPilot},
+    "asv": {"scripted": BoatPilot},
+}
+"""The pilots of each vehicle by their names."""
 
 
 class PilotInRivers:

@@ -15,12 +15,13 @@ import numpy as np
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
 from thalweg.env.pilot.bank_view import sight_height
-from thalweg.env.pilot.ways import Ways, metres_left, missing_clearance, plan_ways, pursued_point
+from thalweg.env.pilot.ways import Ways, missing_clearance, plan_ways, pursued_point
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.motion import UnitAction, move, wrap_angle
 from thalweg.env.task.progress import (
     interpolate,
     last_segment,
+    metres_left,
     track_projection,
 )
 from thalweg.env.task.rules import State, pose_of

@@ -13,7 +13,7 @@ from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
 from thalweg.env.pilot.heights import plan_heights
 from thalweg.env.task.course_arrays import CourseArrays
-from thalweg.env.task.progress import interpolate, sample_rows, segment_at_offset
+from thalweg.env.task.progress import sample_rows, segment_at_offset
 from thalweg.env.task.termination import island_at
 
 POINTS_ACROSS = 25
@@ -140,18 +140,6 @@ def _fill_onward(courses, world, reach, missing, way, onward):
                     best[point] = total
                     onward[row, way, point] = after
         cost[:] = best
-
-
-@kernel(fastmath=False, allocates=False)
-def metres_left(courses, world, projection, x, y):
-    """Return how far a point lies to the left of the centre line, seen up the course, at its `Projection`."""
-    a, b = sample_rows(courses, world, projection.segment)
-    dx = courses.position[b, 0] - courses.position[a, 0]
-    dy = courses.position[b, 1] - courses.position[a, 1]
-    across = dx * (y - interpolate(courses, world, projection, courses.position[:, 1])) - dy * (
-        x - interpolate(courses, world, projection, courses.position[:, 0])
-    )
-    return math.copysign(projection.distance, across)
 
 
 @kernel(fastmath=False, allocates=False)

@@ -8,6 +8,7 @@ from thalweg.env.task.course_arrays import CourseArrays
 
 OFFSETS = (
     "first_sample", "first_island", "first_bridge", "first_plane", "first_haunt", "first_reserve", "first_buoy",
+    "first_depth", "first_rock",
 )  # fmt: skip
 """Fields that hold the first row of each world, or of each bridge, and the end of the last."""
 
@@ -23,6 +24,8 @@ def join_courses(parts: Sequence[CourseArrays]) -> CourseArrays:
 
 def _join_offsets(arrays: Sequence[np.ndarray]) -> np.ndarray:
     """Return offsets over the rows of all parts, from those [W + 1] of each."""
+    if len(arrays[0]) == 0:  # those of a boat, for a vehicle that flies
+        return arrays[0]
     ends = np.cumsum([0, *(array[-1] for array in arrays[:-1])])
     begun = [array[:-1] + end for array, end in zip(arrays, ends, strict=True)]
     return np.concatenate([*begun, [arrays[-1][-1] + ends[-1]]]).astype(np.int64)

@@ -162,7 +162,8 @@ class RiverPool:
     def _prepare(self, river: int) -> Prepared:
         """Return what is kept of a river."""
         if self._tables is None:
-            return Prepared(pack_courses([self.rivers.course(river)], self._config), None)
+            bare = self.rivers.course if self._config.vehicle == "uav" else self.rivers.sounded
+            return Prepared(pack_courses([bare(river)], self._config), None)
         world = self.rivers.world(river)
         return Prepared(pack_courses([world], self._config), self._tables.bake(world))
 

@@ -18,6 +18,8 @@ import scipy
 from thalweg.env.config import EnvConfig
 from thalweg.env.task.priced.packing import buoys_of, haunts_of, reserves_of, swimmers_of
 from thalweg.env.tasks import Task
+from thalweg.env.vehicle.lanes import lanes_through
+from thalweg.env.vehicle.soundings import no_soundings, take_soundings
 from thalweg.world.record import River, World
 
 LEVEL_MAX_STEPS = 500
@@ -82,20 +84,40 @@ class CourseArrays(NamedTuple):
     """[W + 1] int64."""
     buoy: np.ndarray
     """[Q, 6] float64, buoys at the edges of reserves, as in `thalweg.render.records.props`."""
+    first_depth: np.ndarray
+    """[W + 1] int64; this and what follows are for boats, and have no rows for vehicles that fly."""
+    depth_layout: np.ndarray
+    """[W, 5] float64: x and y of the first node of each world's map of depths and the distance of the nodes, in metres;
+    rows and columns."""
+    depth: np.ndarray
+    """[D] float32, metres of water at each node, negative on land; row after row."""
+    first_rock: np.ndarray
+    """[W + 1] int64."""
+    rock: np.ndarray
+    """[R, 3] float64: x, y and radius of each rock that a hull can touch, in metres."""
+    arch: np.ndarray
+    """[B, 8] float64, of each bridge: x, y; cos, sin of the direction across the river; half of its length and width,
+    and half of the opening of its arch at the top of the hull and at that of the mast."""
+    through: np.ndarray
+    """[S, 2, P] uint8, 1 for points across each sample from which the boat can go on, up and down the course; see
+    `thalweg.env.vehicle.lanes`."""
 
 
 def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
-    """Return the course arrays of a batch of worlds under a config."""
+    """Return the course arrays of a batch of worlds under a config.
+
+    Raises `thalweg.env.vehicle.boat.FitError` for a boat and a river that it does not fit.
+    """
     if not worlds:
         raise ValueError("at least one world is needed")
     rivers = [world.river for world in worlds]
     hulls = [grown_hull(row, config.body_m) for world in worlds for row in world.bridges]
     island_arcs = [nearest_arcs(world.river, np.asarray(world.islands)[:, :2]) for world in worlds]
-    task = config.task_record
+    task, floats = config.task_record, config.vehicle == "asv"
     haunts = [haunts_of(*pair, task) for pair in zip(worlds, island_arcs, strict=True)]
     reserves = [reserves_of(world, task) for world in worlds]
     buoys = [buoys_of(world.river, rows) for world, rows in zip(worlds, reserves, strict=True)]
-    return CourseArrays(
+    courses = CourseArrays(
         first_sample=_offsets([len(river.arc_m) for river in rivers]),
         closed=np.array([int(river.closed) for river in rivers], dtype=np.int64),
         segments=np.array([river.segments for river in rivers], dtype=np.int64),
@@ -121,7 +143,11 @@ def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
         reserve=_concatenate(reserves, 2),
         first_buoy=_offsets([len(rows) for rows in buoys]),
         buoy=_concatenate(buoys, 6),
+        **(take_soundings(worlds, config.boat) if floats else no_soundings()),
     )
+    if not floats:
+        return courses
+    return courses._replace(through=lanes_through(courses, config.limits, config.boat, worlds))
 
 
 def nearest_arcs(river: River, points_m: np.ndarray) -> np.ndarray:
@@ -145,9 +171,9 @@ def step_limit(world: World, config: EnvConfig) -> int:
         return int(config.max_steps)
     if config.task_record.deadline_steps_per_m > 0:
         return deadline(config.task_record, world.river)
-    from thalweg.world.levels import LEVELS
+    from thalweg.world.levels import ALL_LEVELS
 
-    for level in LEVELS.values():
+    for level in ALL_LEVELS.values():
         similar = abs(world.river.length_m - level.length_m) <= LEVEL_LENGTH_SHARE * level.length_m
         if world.name.lower() == level.name.lower() and similar:
             return LEVEL_MAX_STEPS
@@ -204,9 +230,10 @@ def fingerprint(world: World) -> int:
 
 def config_fingerprint(config: EnvConfig) -> int:
     """Return a hash of a config's task; equal values give the same hash, whether written as 15 or 15.0."""
-    values = {**config.as_data(), "camera": asdict(config.camera)}
-    plain = {name: float(value) if isinstance(value, Real) else value for name, value in values.items()}
-    plain["camera"] = {name: float(value) for name, value in values["camera"].items()}
+    plain = {name: float(value) if isinstance(value, Real) else value for name, value in config.as_data().items()}
+    for name in ("camera", "boat"):
+        if name in plain:
+            plain[name] = {key: float(value) for key, value in asdict(getattr(config, name)).items()}
     return _first_64_bits(hashlib.sha256(repr(plain).encode()))
 
 

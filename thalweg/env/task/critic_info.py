@@ -22,18 +22,19 @@ PROGRESS = ("visited", "idle", "steps")
 """
 
 
-def critic_features(observation: str | tuple[str, ...], task: str = "River") -> tuple[str, ...]:
-    """Return the names of the C numbers of `info["critic_obs"]`, in order; `observation` and `task` as in `EnvConfig`.
+def critic_features(observation: str | tuple[str, ...], task: str = "River", vehicle: str = "uav") -> tuple[str, ...]:
+    """Return the names of the C numbers of `info["critic_obs"]`, in order; `observation`, `task` and `vehicle` as in
+    `EnvConfig`.
 
     They are `PROGRESS`, then those of the ideal eye (`thalweg.env.task.priced.eye.features_of`, in metres and radians),
     unless the observation has these already.
     """
-    return PROGRESS if "privileged" in parts_of(observation) else (*PROGRESS, *features_of(task))
+    return PROGRESS if "privileged" in parts_of(observation) else (*PROGRESS, *features_of(task, vehicle))
 
 
-def critic_space(observation: str | tuple[str, ...], task: str = "River") -> gymnasium.spaces.Box:
+def critic_space(observation: str | tuple[str, ...], task: str = "River", vehicle: str = "uav") -> gymnasium.spaces.Box:
     """Return the space of the C numbers of one environment."""
-    return gymnasium.spaces.Box(-np.inf, np.inf, (len(critic_features(observation, task)),), np.float32)
+    return gymnasium.spaces.Box(-np.inf, np.inf, (len(critic_features(observation, task, vehicle)),), np.float32)
 
 
 def write_progress(out: Any, visited: Any, idle: Any, steps: Any) -> None:

@@ -121,6 +121,18 @@ def interpolate(courses, world, projection, values):
 
 
 @kernel(fastmath=False, allocates=False)
+def metres_left(courses, world, projection, x, y):
+    """Return how far a point lies to the left of the centre line, seen up the course, at its `Projection`."""
+    a, b = sample_rows(courses, world, projection.segment)
+    dx = courses.position[b, 0] - courses.position[a, 0]
+    dy = courses.position[b, 1] - courses.position[a, 1]
+    across = dx * (y - interpolate(courses, world, projection, courses.position[:, 1])) - dy * (
+        x - interpolate(courses, world, projection, courses.position[:, 0])
+    )
+    return math.copysign(projection.distance, across)
+
+
+@kernel(fastmath=False, allocates=False)
 def course_direction(courses, world, projection):
     """Return the angle of the course (radians, towards growing arc length) at a `Projection`, from the tangents at both
     ends of the segment."""

@@ -20,6 +20,7 @@ from thalweg.env.task.priced.swimmers import passing_cost
 from thalweg.env.task.progress import course_completed, interpolate, track_projection, visit_segments
 from thalweg.env.task.reward_cost import FULL_COURSE_REWARD, step_costs, step_reward
 from thalweg.env.task.termination import RUNNING, done_reason, rule_broken, rule_broken_over_land
+from thalweg.env.vehicle.hull import shallow_cost
 
 COST_INCURRED = int(DoneReason.COST_INCURRED)
 TASK_STATE = ("scene", "station", "way")
@@ -61,7 +62,8 @@ class Outcome(NamedTuple):
     reward: np.ndarray
     """[N] float64."""
     costs: np.ndarray
-    """[N, K] float64, tight, loose, and the kind of the task if it has one (`thalweg.env.tasks.Task.cost_kinds`)."""
+    """[N, K] float64, with the columns `EnvConfig.cost_kinds`: tight, loose, the kind of the task if it has one, and
+    last that of shallow water for a boat."""
     reason: np.ndarray
     """[N] int64, code of `DoneReason`."""
 
@@ -119,6 +121,15 @@ def begin_task(row, courses, limits, state, projection, scene):
 
 
 @kernel(fastmath=False, allocates=False)
+def afloat(courses, world, limits, projection, pose):
+    """Return a `Pose` with a boat's camera at its height above the water; that of another vehicle unchanged."""
+    if limits.is_boat == 0:
+        return pose
+    level = interpolate(courses, world, projection, courses.level)
+    return Pose(pose.x, pose.y, level + limits.camera_height, pose.yaw)
+
+
+@kernel(fastmath=False, allocates=False)
 def step_one(row, actions, courses, limits, state, outcome):
     """Step environment `row` by its row of unit actions [N, 4]: change its rows of `state` and `outcome`."""
     world = state.world[row]
@@ -134,6 +145,7 @@ def step_one(row, actions, courses, limits, state, outcome):
         over_land = is_ashore(courses, world, projection, after.x, after.y)
         segment_before, offset = projection.segment, 0
         _, state.travel[row] = way_to(courses, world, arc_length(courses, world, projection), state.station[row])
+    after = afloat(courses, world, limits, projection, after)
     new = 0 if over_land else visit_segments(courses, world, segment_before, offset, state.visited[row])
     state.pose[row, 0], state.pose[row, 1], state.pose[row, 2], state.pose[row, 3] = after
     state.segment[row] = projection.segment
@@ -160,6 +172,12 @@ def step_one(row, actions, courses, limits, state, outcome):
         outcome.costs[row, 2] = own
         if reason == RUNNING and own > 0.0 and limits.task.hard != 0:
             reason = COST_INCURRED
+    if limits.is_boat != 0:
+        # Aground or against something, the boat pays for that alone.
+        stranded = outcome.costs[row, 0] > 0.0
+        outcome.costs[row, outcome.costs.shape[1] - 1] = (
+            0.0 if stranded else shallow_cost(courses, world, limits, after)
+        )
     outcome.reason[row] = reason
 
 

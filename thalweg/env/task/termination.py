@@ -1,7 +1,8 @@
 """Termination: the permitted volume above the water, collisions with bridges, and the limit of the heading.
 
 The volume lies between the banks, off the islands, and within the height band. The centre of the camera must stay in
-it; bridges must not be touched by any part of the body.
+it; bridges must not be touched by any part of the body. A boat has no volume but the water: its hull must float, and
+touch nothing solid.
 """
 
 import math
@@ -10,6 +11,7 @@ from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DoneReason
 from thalweg.env.task.motion import wrap_angle
 from thalweg.env.task.progress import course_direction, interpolate
+from thalweg.env.vehicle.hull import AGROUND, SOLID, first_hit
 
 RUNNING = int(DoneReason.RUNNING)
 COLLISION = int(DoneReason.COLLISION)
@@ -94,6 +96,13 @@ def rule_broken(courses, world, limits, before, after, projection, travel):
 
     `projection` is that of the second pose.
     """
+    if limits.is_boat != 0:
+        hit = first_hit(courses, world, limits, before, after)
+        if hit == SOLID:
+            return COLLISION
+        if hit == AGROUND or metres_past_bank(courses, world, projection) > TOLERANCE:
+            return OUT_OF_VOLUME_HORIZONTAL
+        return _heading_broken(courses, world, limits, after, projection, travel)
     if first_bridge_hit(courses, world, before.x, before.y, before.z, after.x, after.y, after.z) >= 0:
         return COLLISION
     if (
@@ -104,7 +113,13 @@ def rule_broken(courses, world, limits, before, after, projection, travel):
     height = after.z - interpolate(courses, world, projection, courses.level)
     if height < limits.min_height - TOLERANCE or height > limits.max_height + TOLERANCE:
         return OUT_OF_VOLUME_VERTICAL
-    if yaw_deviation(courses, world, projection, after.yaw, travel) > limits.max_yaw_deviation + TOLERANCE:
+    return _heading_broken(courses, world, limits, after, projection, travel)
+
+
+@kernel(fastmath=False, allocates=False)
+def _heading_broken(courses, world, limits, pose, projection, travel):
+    """Return the code of `DoneReason` of a heading too far off the direction of travel, or -1."""
+    if yaw_deviation(courses, world, projection, pose.yaw, travel) > limits.max_yaw_deviation + TOLERANCE:
         return YAW_OVER_DEVIATION
     return RUNNING
 

@@ -22,7 +22,10 @@ from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.launch_graphs import LaunchGraphs
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, integer_at_least
 from thalweg.env.device.memory import bytes_per_env, check_memory, free_bytes
+from thalweg.env.device.pushed_step import advance_pushed_all
 from thalweg.env.device.step import advance_all, reset_arguments
+from thalweg.env.forces.arrays import ForceState, empty_forces, force_numbers, has_forces
+from thalweg.env.forces.of_many import PREFIX, write_winds
 from thalweg.env.frame_renderer import lights_per_world, relit_worlds
 from thalweg.env.initial_poses import random_start
 from thalweg.env.rivers.river_list import RiverList
@@ -47,9 +50,10 @@ class TensorRiverEnv:
     """N environments over one or several worlds on one device; environment i flies in world i % len(worlds).
 
     `info` belongs to the action just taken: `cost` [N], `costs` [N, 2] (tight, loose), `done_reason` [N], `progress`
-    [N] (share of segments visited) and `pose` [N, 4]. With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs
-    to the state that the observation shows, see `thalweg.env.task.critic_info`. Environment i is seeded with seed + i,
-    so that its episodes do not depend on the number of environments. Rewards, costs and poses are float64.
+    [N] (share of segments visited) and `pose` [N, 4]; `wind` and `velocity` are as in `RiverVectorEnv`. With
+    `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs to the state that the observation shows, see
+    `thalweg.env.task.critic_info`. Environment i is seeded with seed + i, so that its episodes do not depend on the
+    number of environments. Rewards, costs and poses are float64.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
@@ -120,9 +124,13 @@ class TensorRiverEnv:
             name: np.zeros(self.num_envs, np.int64) for name in ("seed", "episode", "look")
         }
         counters["ended"] = np.ones(self.num_envs, np.uint8)
-        self._tensors = {name: self._tensor(values) for name, values in {**state, **outcome, **counters}.items()}
+        pushed = has_forces(self.config)
+        force = empty_forces(self.num_envs)._asdict() if pushed else {}
+        force = {PREFIX + name: values for name, values in force.items()}
+        everything = {**state, **outcome, **counters, **force}
+        self._tensors = {name: self._tensor(values) for name, values in everything.items()}
         """Everything that a step reads and changes."""
-        self._state_names = (*state, *counters)
+        self._state_names = (*state, *counters, *force)
         """Names of the tensors that the future depends on."""
         self._segments = self._tensor(courses.segments[self.world_index])
         self._max_steps = self._tensor(courses.max_steps[self.world_index])
@@ -131,15 +139,20 @@ class TensorRiverEnv:
         reset = reset_arguments(
             self.config, arrays["seed"], arrays["episode"], arrays["look"], len(self._look_rows)
         )  # fmt: skip
+        self._forces = (force_numbers(self.config), ForceState(*(arrays[name] for name in force))) if pushed else None
+        """Numbers and arrays of wind, current and inertia; None without them."""
+        before, after = ((self._forces[0],), (self._forces[1],)) if self._forces else ((), ())
         self._arguments = (
             self._courses,
             self.config.limits,
+            *before,
             reset,
             State(**{name: arrays[name] for name in state}),
+            *after,
             Outcome(**{name: arrays[name] for name in outcome}),
             arrays["ended"],
         )
-        """Arguments of `advance_all` after the actions."""
+        """Arguments of `advance_all`, or with forces of `advance_pushed_all`, after the actions."""
 
     @property
     def unwrapped(self) -> "TensorRiverEnv":
@@ -221,6 +234,11 @@ class TensorRiverEnv:
         return torch.zeros(self.num_envs, len(FEATURES), dtype=torch.float32, device=self.device)
 
     @cached_property
+    def _blowing(self) -> Tensor:
+        """The wind [N, 3] float64; memory that `_wind` fills again and again."""
+        return torch.zeros(self.num_envs, 3, dtype=torch.float64, device=self.device)
+
+    @cached_property
     def _renderer(self) -> Any:
         """Renderer on this device."""
         from thalweg.render import Renderer
@@ -231,12 +249,14 @@ class TensorRiverEnv:
     def _advance(self, unit_actions: Tensor) -> None:
         """Step or reset every environment by unit actions [N, 4] float64."""
         if self.device.type == "cpu":
-            advance_all(self._array(unit_actions), *self._arguments)
+            advance = advance_all if self._forces is None else advance_pushed_all
+            advance(self._array(unit_actions), *self._arguments)
             return
         from thalweg.env.device import cuda_step
 
         self._actions.copy_(unit_actions)
-        self._launch("advance", cuda_step.advance, lambda: (self._array(self._actions), *self._arguments))
+        advance = cuda_step.advance if self._forces is None else cuda_step.advance_pushed
+        self._launch("advance", advance, lambda: (self._array(self._actions), *self._arguments))
 
     def _launch(self, name: str, kernel: Callable[..., None], arguments: Callable[[], tuple[Any, ...]]) -> None:
         """Launch a kernel of `cuda_step`, or replay its launch; it always has the same arguments."""
@@ -297,6 +317,10 @@ class TensorRiverEnv:
     def _info(self) -> Info:
         tensors = self._tensors
         told = {"critic_obs": self._critic_obs()} if self.config.critic_info else {}
+        if self.config.wind is not None:
+            told["wind"] = self._wind()
+        if self.config.dynamics == "inertial":
+            told["velocity"] = tensors[PREFIX + "velocity"].clone()
         return {
             "cost": tensors["costs"].sum(1),
             "costs": tensors["costs"].clone(),
@@ -305,6 +329,21 @@ class TensorRiverEnv:
             "pose": tensors["pose"].clone(),
             **told,
         }
+
+    def _wind(self) -> Tensor:
+        """Return the wind [N, 3] in m/s that blows in the next step."""
+        if self.device.type == "cpu":
+            write_winds(*self._arguments_of_wind())
+        else:
+            from thalweg.env.device import cuda_step
+
+            self._launch("wind", cuda_step.write_winds, self._arguments_of_wind)
+        return self._blowing.clone()
+
+    def _arguments_of_wind(self) -> tuple[Any, ...]:
+        """Return the arguments of `write_winds`."""
+        assert self._forces is not None
+        return *self._forces, self._array(self._blowing)
 
     def _critic_obs(self) -> Tensor:
         """Return what critics may see beside the observations of the current state [N, C] float32."""

@@ -6,6 +6,7 @@ import numpy as np
 
 from thalweg.core.compute import gpu
 from thalweg.env.config import ConfigError, EnvConfig
+from thalweg.env.forces.arrays import empty_forces
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.rules import empty_outcome, empty_state
 from thalweg.world.generate import memory
@@ -17,7 +18,7 @@ the renderer holds of a view."""
 
 def bytes_per_env(courses: CourseArrays, config: EnvConfig, frames: int) -> int:
     """Return the bytes of one environment with a number of frames."""
-    arrays = (*empty_state(np.zeros(1, np.int64), courses), *empty_outcome(1))
+    arrays = (*empty_state(np.zeros(1, np.int64), courses), *empty_outcome(1), *empty_forces(1))
     frame = config.channels * config.camera.height_px * config.camera.width_px
     return sum(array.nbytes for array in arrays) + OVERHEAD_BYTES + frames * frame
 

@@ -23,7 +23,7 @@ HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "weather.md"
 TABLE = HERE / "weather.csv"
 COLUMNS = ("dynamics", "wind_m_per_s", "pilot", "episodes", "return", "successes")
-SPEEDS = (0.0, 2.0, 4.0, 8.0)
+SPEEDS = (0.0, 2.0, 4.0, 6.0)
 
 
 def flown(config: EnvConfig, pilot: str, episodes: int) -> tuple[float, int]:
@@ -67,7 +67,7 @@ def table(rows: list[dict[str, str]]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--episodes", type=int, default=64)
+    parser.add_argument("--episodes", type=int, default=32)
     parser.add_argument("--write", action="store_true", help="write the table into the page")
     given = parser.parse_args()
     write_atomic(TABLE, csv_text(COLUMNS, measured(given.episodes)))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from inspect import signature
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +33,8 @@ class Views(NamedTuple):
     segment: np.ndarray
     """[M] int64, of the course, and the direction of travel along it; see `thalweg.env.task.rules.State`."""
     travel: np.ndarray
+    wind: np.ndarray
+    """[M, 2] float64, m/s towards east and north: the mean wind of the episode."""
 
 
 def relit_worlds(worlds: Sequence[World], randomisation: Randomisation | None) -> list[World]:
@@ -80,6 +83,9 @@ class FrameRenderer:
         """[N, P] appearance of each environment."""
         self.sun = np.zeros(num_envs, dtype=np.int64)
         """[N] index of the light of each environment."""
+        self.wind = np.zeros((num_envs, 2))
+        """[N, 2] mean wind of each environment, m/s towards east and north."""
+        self._windy = config.wind is not None
 
     def draw_look(self, row: int, period: str, generator: np.random.Generator) -> None:
         """Draw the look of one environment if it changes with this period, "episode" or "environment"."""
@@ -88,7 +94,7 @@ class FrameRenderer:
 
     def views(self, state: State, rows: np.ndarray | slice = slice(None)) -> Views:
         """Return copies of what the environments `rows` see in a state."""
-        values = state.pose, state.world, state.time_s, self.look, self.sun, state.segment, state.travel
+        values = state.pose, state.world, state.time_s, self.look, self.sun, state.segment, state.travel, self.wind
         return Views(*(a[rows].copy() for a in values))
 
     def render_masks(self, views: Views) -> np.ndarray:
@@ -104,10 +110,13 @@ class FrameRenderer:
     def render(self, views: Views) -> np.ndarray:
         """Return new frames [M, H, W, 4] uint8 of the views."""
         out = np.empty((len(views.pose), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
+        drawer = self._drawer()
+        # A renderer of someone else's may show no wind.
+        blown = {"wind": views.wind} if self._windy and "wind" in signature(drawer.render).parameters else {}
         if self.randomisation is None:
-            return self._drawer().render(views.pose, views.world, views.time_s, out)
+            return drawer.render(views.pose, views.world, views.time_s, out, **blown)
         lit_world = views.world * self.lights + views.sun
-        return self._drawer().render(views.pose, lit_world, views.time_s, out, look=views.look)
+        return drawer.render(views.pose, lit_world, views.time_s, out, look=views.look, **blown)
 
     def _drawer(self) -> Any:
         """Return the renderer, which is created when it is first needed."""

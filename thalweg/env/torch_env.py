@@ -36,6 +36,7 @@ from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
 from thalweg.env.task.ideal_eye import FEATURES, see_all
 from thalweg.env.task.rules import Outcome, State, empty_outcome, empty_state
 from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.breeze import ruffle
 from thalweg.world.record import World
 
 LOOKS = 4096
@@ -293,7 +294,11 @@ class TensorRiverEnv:
         frames = self._frames[self._buffer]
         tensors, look = self._tensors, self._tensors["look"]
         lit_world = tensors["world"] * self._lights + self._look_lights[look]
-        views = lit_world, tensors["pose"], tensors["time_s"], self._look_rows[look]
+        looks = self._look_rows[look]
+        if self.config.wind is not None:
+            speed, towards, _ = tensors[PREFIX + "mean_wind"].T
+            ruffle(looks, speed * towards.cos(), speed * towards.sin())
+        views = lit_world, tensors["pose"], tensors["time_s"], looks
         self._renderer.render_tensors(views, frames)
         if kind == "dict":
             return {"rgb": frames[..., :3], "mask": frames[..., 3:]}

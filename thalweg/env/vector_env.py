@@ -113,6 +113,7 @@ class RiverVectorEnv(VectorEnv):
         visited = np.zeros((self.num_envs, self.rivers.most_segments), dtype=np.uint8)
         self.state = empty_state(self.world_index, self.courses)._replace(visited=visited)
         self.forces = ForcesOfMany(config, self.num_envs)
+        self.frames.wind = self.forces.horizontal
         self._pilots: dict[str, Any] = {}
         """Those that were asked, by their names."""
         self.generators: list[np.random.Generator | None] = [None] * self.num_envs

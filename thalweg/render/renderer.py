@@ -17,6 +17,7 @@ from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.batch import bands_of, draw
 from thalweg.render.errors import RenderError
 from thalweg.render.records.appearance import Look, look_rows, look_values
+from thalweg.render.records.breeze import ruffle
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import QUALITIES, Quality
 from thalweg.render.records.view import COLOURS, LAYERS, MASK, FrameSettings, Output, Views, output
@@ -96,17 +97,22 @@ class Renderer:
         time_s: ArrayLike | None = None,
         out: np.ndarray | None = None,
         look: Look | Sequence[Look] | np.ndarray | None = None,
+        *,
+        wind: ArrayLike | None = None,
     ) -> np.ndarray:
         """Frames [N, H, W, 4] uint8: sRGB, and the water mask (0 or 255) in the fourth channel.
 
         poses [N, 4]: x, y, z in metres, yaw in radians. world_index [N]: which of the worlds each camera is in (the
         first if left out). time_s [N] or a number: moves the ripples. out: an array of the result's shape to draw into.
         look: one for all frames, or one for each (also as an array [N, P], see
-        `thalweg.render.records.appearance.PARAMETERS`).
+        `thalweg.render.records.appearance.PARAMETERS`). wind [N, 2]: m/s towards east and north, by which ripples grow
+        and move; at zero they are as without it.
 
-        Raises `RenderError` for poses, indices, looks or an `out` that do not fit.
+        Raises `RenderError` for poses, indices, looks, winds or an `out` that do not fit.
         """
         views = self._checked(poses, world_index, time_s, look)
+        if wind is not None:
+            ruffle(views.looks, *_checked_wind(wind, len(views.poses)).T)
         out = _checked_out(out, (len(views.poses), self.camera.height_px, self.camera.width_px, 4))
         self._draw(views, output(COLOURS, _packed(out)))
         return out
@@ -224,6 +230,14 @@ class Renderer:
     def _default_look_row(self) -> np.ndarray:
         """The row [1, LOOK_COLUMNS] of the default look, which most frames have."""
         return look_rows(look_values(None, 1), self.camera)
+
+
+def _checked_wind(wind: ArrayLike, count: int) -> np.ndarray:
+    """Return winds [N, 2] float64; raises `RenderError` for another shape, or values that are not finite."""
+    winds = np.asarray(wind, np.float64)
+    if winds.shape != (count, 2) or not np.isfinite(winds).all():
+        raise RenderError(f"wind has shape {list(winds.shape)}; it must be [{count}, 2], finite, in m/s east and north")
+    return winds
 
 
 def _checked_out(out: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:

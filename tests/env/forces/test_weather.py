@@ -1,6 +1,7 @@
 """Tests of the weather of episodes: ranges, seeds, statistics, and restored states."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,10 +9,12 @@ import pytest
 from tests.env.forces.flights import begun, wide_water
 from tests.env.handmade import BlankRenderer, hairpin, ring
 from tests.env.winds import wind_of
+from tests.render.plain import plane
 from thalweg.env import EnvConfig, RiverEnv, RiverVectorEnv, StateError
 from thalweg.env.config import ConfigError
 from thalweg.env.physics.wind import Wind, horizontal_length, horizontal_ratio
 from thalweg.env.torch_env import TensorRiverEnv
+from thalweg.render import Camera
 
 VARYING = wind_of(speed_m_per_s=(1.0, 3.0), towards_deg=(90.0, 180.0), gust_share=(0.05, 0.15))
 OPTIONS = {
@@ -182,3 +185,19 @@ def test_tensors_resume_from_a_state_and_depend_on_seed_and_episode_alone():
 def test_a_wind_that_cannot_be_held_is_refused_before_an_environment_exists():
     with pytest.raises(ConfigError, match="holds against a wind of"):
         EnvConfig(wind=wind_of(speed_m_per_s=30.0))
+
+
+def test_frames_show_the_wind_of_the_episode_in_all_environments():
+    world = plane(water_level=0.5)
+    config = EnvConfig(camera=Camera(32, 32), wind=wind_of(speed_m_per_s=4.0, towards_deg=(0, 360)))
+    tensors = TensorRiverEnv(world, 2, config, device="cpu")
+    frames, info = tensors.reset(seed=1)
+    state = tensors.get_state()
+    vector, calm = (RiverVectorEnv(world, 2, each) for each in (config, replace(config, wind=None)))
+    for env in (vector, calm):
+        env.reset(seed=0, options={"pose": info["pose"].numpy()})
+        env.state.time_s[:] = state["time_s"]
+    given = {name: value for name, value in state.items() if name.startswith("force_")}
+    vector.set_state({**vector.get_state(), **given})
+    np.testing.assert_array_equal(frames.numpy(), vector.observe())
+    assert (vector.observe() != calm.observe()).any(axis=(1, 2, 3)).all()

@@ -25,12 +25,15 @@ class ForcesOfMany:
         self.numbers = force_numbers(config) if has_forces(config) else None
         """None: nothing pushes, and steps are those of `thalweg.env.task.rules`."""
         self.state: ForceState = empty_forces(num_envs)
+        self.horizontal = np.zeros((num_envs, 2))
+        """[N, 2] mean wind of each episode in m/s, towards east and north; always the same array."""
         self._windy, self._inertial = config.wind is not None, config.dynamics == "inertial"
 
     def begin(self, row: int, generator: np.random.Generator) -> None:
         """Draw the weather of a new episode in environment `row`; draws nothing if there are no forces."""
         if self.numbers is not None:
             begin_weather(row, int(generator.integers(1 << 63)), self.numbers, self.state)
+            self._find_horizontal(row)
 
     def step_all(
         self, active: np.ndarray, actions: np.ndarray, courses: CourseArrays, limits: Any, state: State, out: Outcome
@@ -70,6 +73,12 @@ class ForcesOfMany:
         if self.numbers is not None:
             for name, value in self.state._asdict().items():
                 value[...] = given[PREFIX + name]
+            self._find_horizontal(slice(None))
+
+    def _find_horizontal(self, rows: int | slice) -> None:
+        """Fill `horizontal` from the means that are drawn for episodes."""
+        speed, towards = self.state.mean_wind[rows, 0], self.state.mean_wind[rows, 1]
+        self.horizontal[rows] = (speed * np.array([np.cos(towards), np.sin(towards)])).T
 
 
 @kernel(fastmath=False, allocates=False)

@@ -173,6 +173,7 @@ def redraw(env: RiverVectorEnv, sequences: Sequences, rng: np.random.Generator) 
         suns[index.ravel()],
         sequences.segment.ravel(),
         sequences.travel.ravel(),
+        np.zeros((length * count, 2)),
     )
     images = env.draw(sequences.river.ravel(), views)
     return images.reshape(length, count, *images.shape[1:])

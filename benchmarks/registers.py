@@ -24,6 +24,7 @@ from numba.cuda import dispatcher
 from thalweg.env.config import EnvConfig
 from thalweg.env.device import cuda_step as rules
 from thalweg.env.device.step import reset_arguments
+from thalweg.env.forces.arrays import empty_forces, force_numbers
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.rules import State, empty_outcome, empty_state
 from thalweg.render.gpu import ground_profiles, pixel, postprocess, visible_plants
@@ -80,6 +81,13 @@ def rule_types() -> tuple[Any, ...]:
     return tuple(numba.typeof(each) for each in (state.pose, courses, config.limits, reset, state, outcome, bytes_))
 
 
+def pushed_types() -> tuple[Any, ...]:
+    """Return the argument types of the rules' kernel under wind, current and inertia."""
+    actions, courses, limits, reset, state, outcome, ended = rule_types()
+    forces, force_state = numba.typeof(force_numbers(EnvConfig())), numba.typeof(empty_forces(1))
+    return actions, courses, limits, forces, reset, state, force_state, outcome, ended
+
+
 def eye_types() -> tuple[Any, ...]:
     """Return the argument types of the ideal eye's kernel, as `TensorRiverEnv` passes them."""
     _, courses, _, _, state, *_ = rule_types()
@@ -111,6 +119,7 @@ def variants() -> dict[str, Variant]:
         postprocess.THREADS,
     )
     kernels["advance"] = Variant(rules.advance, rule_types(), rules.THREADS, fastmath=False)
+    kernels["advance_pushed"] = Variant(rules.advance_pushed, pushed_types(), rules.THREADS, fastmath=False)
     kernels["see"] = Variant(rules.see, eye_types(), rules.THREADS, fastmath=False)
     kernels["write_layers"] = Variant(postprocess.write_layers, (BUFFERS, SPACE, KINDS, KINDS), postprocess.THREADS)
     kernels["write_mask"] = Variant(postprocess.write_mask, (BUFFERS, KINDS), postprocess.THREADS)

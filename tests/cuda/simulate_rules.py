@@ -18,9 +18,14 @@ def main(path: str) -> None:
     simulated.begin()
     blocks = -(-cases.FLIGHTS // THREADS) + 1  # the last one has nothing to do
     tensors.advance_all = lambda *given: gpu.launch(rules.advance, blocks, THREADS, simulated.DEVICE, *given)
+    tensors.advance_pushed_all = lambda *given: gpu.launch(
+        rules.advance_pushed, blocks, THREADS, simulated.DEVICE, *given
+    )
+    tensors.write_winds = lambda *given: gpu.launch(rules.write_winds, blocks, THREADS, simulated.DEVICE, *given)
     observer.see_all = lambda *given: gpu.launch(rules.see, blocks, THREADS, simulated.DEVICE, *given)
     observer.feel_all = lambda *given: gpu.launch(rules.feel, blocks, THREADS, simulated.DEVICE, *given)
-    np.savez(path, **cases.flown())
+    pushed = {f"pushed {name}": values for name, values in cases.flown_in_wind().items()}
+    np.savez(path, **cases.flown(), **pushed)
 
 
 if __name__ == "__main__":

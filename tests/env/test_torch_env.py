@@ -9,10 +9,10 @@ from gymnasium.vector import AutoresetMode
 
 import thalweg
 from tests.render.plain import plane
+from thalweg.core.compute.counter_random import splitmix64, uniform
 from thalweg.env import RiverVectorEnv
 from thalweg.env.config import ConfigError, EnvConfig
 from thalweg.env.device.memory import bytes_per_env, check_memory
-from thalweg.env.device.step import splitmix64, uniform
 from thalweg.env.initial_poses import CLOCK_RANGE_S, check_pose
 from thalweg.env.observation import PARTS
 from thalweg.env.snapshot import StateError

@@ -11,6 +11,8 @@ RENDER = 3
 """Frames of a world at a pose, time and look."""
 RULES = 1
 """Motion, progress, reward, cost and termination."""
+FORCES = 1
+"""Motion under wind, current and inertia, and the weather that a seed draws."""
 PRIVILEGED = 2
 """The numbers of the ideal eye."""
 PROPRIOCEPTION = 1

@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from thalweg.core.compute.counter_random import uniform
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
 from thalweg.env.initial_poses import CLOCK_RANGE_S, DRAWS, MAX_TRIES, project_anywhere, travel_direction, try_start
 from thalweg.env.task.rules import clear_outcome, step_one
-
-u64 = np.uint64
 
 LOOK_COUNTER = DRAWS
 """Counter of the uniform number of an episode that chooses its look; the first DRAWS are those of a start."""
@@ -54,23 +53,6 @@ def reset_arguments(
 
 
 @kernel(fastmath=False, allocates=False)
-def splitmix64(key):
-    """Return a 64-bit hash of a 64-bit key. Source: splitmix64 (Steele, Lea, Flood, "Fast Splittable Pseudorandom
-    Number Generators", 2014)."""
-    key = u64(key + u64(0x9E3779B97F4A7C15))
-    key = u64((key ^ (key >> u64(30))) * u64(0xBF58476D1CE4E5B9))
-    key = u64((key ^ (key >> u64(27))) * u64(0x94D049BB133111EB))
-    return u64(key ^ (key >> u64(31)))
-
-
-@kernel(fastmath=False, allocates=False)
-def uniform(seed, episode, counter):
-    """Return a uniform number in [0, 1); each counter is used once in an episode."""
-    key = splitmix64(u64(splitmix64(u64(splitmix64(u64(seed)) + u64(episode))) + u64(counter)))
-    return float(key >> u64(11)) * (1.0 / 9007199254740992.0)  # the upper 53 bits, times 2 ** -53
-
-
-@kernel(fastmath=False, allocates=False)
 def reset_one(row, courses, limits, reset, state, draws):
     """Start an episode in environment `row` at a random safe pose; draws [DRAWS] float64 is scratch memory.
 
@@ -100,19 +82,31 @@ def reset_one(row, courses, limits, reset, state, draws):
 
 
 @kernel(fastmath=False, allocates=False)
+def restart_one(row, courses, limits, reset, state, outcome, ended, draws):
+    """Start an episode in environment `row`, whose last one has ended, without reward or cost."""
+    reset_one(row, courses, limits, reset, state, draws)
+    clear_outcome(outcome, row)
+    ended[row] = 0
+
+
+@kernel(fastmath=False, allocates=False)
+def end_step(row, reset, state, outcome, ended):
+    """Advance the clock of environment `row` by a step, and note whether its episode has ended."""
+    state.time_s[row] += reset.step_s
+    ended[row] = 1 if outcome.reason[row] >= 0 else 0
+
+
+@kernel(fastmath=False, allocates=False)
 def advance_one(row, actions, courses, limits, reset, state, outcome, ended, draws):
     """Step environment `row`, or reset it if its last episode has ended; ended [N] uint8.
 
     actions [N, 4] float64 are unit actions; draws [DRAWS] float64 is scratch memory.
     """
     if ended[row] != 0:
-        reset_one(row, courses, limits, reset, state, draws)
-        clear_outcome(outcome, row)
-        ended[row] = 0
+        restart_one(row, courses, limits, reset, state, outcome, ended, draws)
         return
     step_one(row, actions, courses, limits, state, outcome)
-    state.time_s[row] += reset.step_s
-    ended[row] = 1 if outcome.reason[row] >= 0 else 0
+    end_step(row, reset, state, outcome, ended)
 
 
 @kernel(fastmath=False)

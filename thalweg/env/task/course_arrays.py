@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 
 from thalweg.env.config import EnvConfig
+from thalweg.world.discharge import relative_speed
 from thalweg.world.record import River, World
 
 LEVEL_MAX_STEPS = 500
@@ -66,6 +67,8 @@ class CourseArrays(NamedTuple):
     """[I] float64, metres along the course of the point that is nearest to the centre of each island."""
     bridge_arc: np.ndarray
     """[B] float64, the same of the middle of each bridge."""
+    flow: np.ndarray
+    """[S] float64, speed of the water in mid-channel over its mean along the course, positive towards growing arc."""
 
 
 def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
@@ -93,6 +96,7 @@ def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
         plane=_concatenate([planes for planes, _ in hulls], 4),
         island_arc=_concatenate([nearest_arcs(world.river, np.asarray(world.islands)[:, :2]) for world in worlds]),
         bridge_arc=_concatenate([nearest_arcs(world.river, np.asarray(world.bridges)[:, :2]) for world in worlds]),
+        flow=_concatenate([relative_speed(river) for river in rivers]),
     )
 
 

@@ -41,7 +41,7 @@ from thalweg.core.config import to_plain
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.train import run
-from thalweg.train.river import SEEN_BY_CRITICS
+from thalweg.train.observations import SEEN_BY_CRITICS
 from thalweg.world import World, level_named
 
 HERE = Path(__file__).resolve().parent

@@ -21,7 +21,7 @@ from thalweg.bench.evaluate.course import UNSEEN, Course, EvaluationConfig
 from thalweg.core import versions
 from thalweg.core.config import parse_config, to_plain
 from thalweg.encoder import load_encoder
-from thalweg.train.river import encoder_hash
+from thalweg.train.observations import encoder_hash
 
 RUNGS = (1, 4, 16, 64, 256)
 """Rivers of each level that an arm is trained on."""

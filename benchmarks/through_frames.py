@@ -26,7 +26,7 @@ from river_flights import mean_return
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core.atomic_io import write_atomic
-from thalweg.train.river import SEEN_BY_CRITICS
+from thalweg.train.observations import SEEN_BY_CRITICS
 from thalweg.world import level_named
 
 HERE = Path(__file__).resolve().parent

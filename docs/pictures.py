@@ -25,10 +25,16 @@ STARTS = {"Easy": (3, 6), "Medium": (7, 10, 13), "Hard": (6, 9, 14)}
 LOOK_START = 10
 """Index of the start on Medium from which the looks are shown."""
 
+CLASS_COLOURS = np.array([[200, 220, 240], [40, 90, 200], [150, 120, 80], [40, 130, 50], [220, 60, 60]], np.uint8)
+"""Colour in which each class is shown, in the order of `thalweg.render.records.classes.CLASSES`."""
+DEPTHS_M = (2.0, 100.0)
+"""Depths that are shown black and white, with logarithms between them."""
+
 
 def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     save(frames(), "frames.png")
+    save(parts(), "parts.png")
     save(levels(), "levels.png")
     save(qualities(), "qualities.png")
     for picture, name in ((looks(), "looks.jpg"), (real_river(), "cam.jpg"), (flights(), "flights.jpg")):
@@ -51,6 +57,21 @@ def frames(size: int = 128, zoom: int = 2) -> Image.Image:
         views.extend(Renderer([world], Camera(size, size)).render(starts))
     tiles = [view[..., :3].repeat(zoom, 0).repeat(zoom, 1) for view in views]
     return tile_grid(tiles, columns=4)
+
+
+def parts(size: int = 128, zoom: int = 2) -> Image.Image:
+    """Return colours, water mask, depth and class of two starts, enlarged `zoom` times; the sky has no depth and is
+    white."""
+    world, chosen = load_or_build("Medium"), [STARTS["Medium"][0], STARTS["Medium"][2]]
+    seen = Renderer([world], Camera(size, size)).render_layers(sample_starts(world, max(chosen) + 1, 0)[chosen])
+    low, high = np.log(DEPTHS_M)
+    shade = np.clip((np.log(np.maximum(seen.depth_m, 1e-3)) - low) / (high - low), 0, 1)
+    grey = np.where(seen.depth_m < 0, 255, 255 * shade).astype(np.uint8)
+    tiles = []
+    for n in range(len(chosen)):
+        mask, depth = (channel[..., None].repeat(3, -1) for channel in (seen.mask[n] * np.uint8(255), grey[n]))
+        tiles += [seen.rgb[n], mask, depth, CLASS_COLOURS[seen.class_id[n]]]
+    return tile_grid([tile.repeat(zoom, 0).repeat(zoom, 1) for tile in tiles], columns=4)
 
 
 def looks(size: int = 128) -> Image.Image:

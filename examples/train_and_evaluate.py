@@ -7,7 +7,8 @@ from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label, encoded_frames, evaluate
 from thalweg.bench.results.statistics import summarise
 from thalweg.train import load_policy
-from thalweg.train.river import RiverTraining, check_policy_fits, load_compatible_encoder
+from thalweg.train.observations import check_policy_fits
+from thalweg.train.river import RiverTraining, load_compatible_encoder
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=8192)

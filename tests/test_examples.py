@@ -9,7 +9,7 @@ import pytest
 
 from thalweg.encoder import load_encoder
 from thalweg.train import load_policy
-from thalweg.train.river import encoder_hash
+from thalweg.train.observations import encoder_hash
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -11,7 +11,8 @@ from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.encoder import DEFAULT_PATH
 from thalweg.render import RENDER_VERSION
 from thalweg.train import load_policy
-from thalweg.train.river import check_policy_fits, load_compatible_encoder, observation_of
+from thalweg.train.observations import check_policy_fits, observation_of
+from thalweg.train.river import load_compatible_encoder
 
 ROOT = Path(__file__).resolve().parents[2]
 NEVER = 1_000_000

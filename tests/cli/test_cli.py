@@ -167,6 +167,10 @@ WRONG = [
         "policy=cnn sees images, rgb+mask or rgb or mask, not the privileged observation",
     ),
     (
+        ["train", "--set", "policy=cnn", "--proprioception", "--out", "x"],
+        "policy=cnn sees images alone: leave proprioception out, or use policy=mlp",
+    ),
+    (
         ["train", "--observation", "mask", "--out", "x"],
         "the observation mask is for policies with convolutions: set policy=cnn",
     ),
@@ -447,12 +451,14 @@ def test_a_policy_of_images_is_trained_and_evaluated_without_an_encoder(
     assert len(out.read_text().splitlines()) == 2
 
 
+@pytest.mark.parametrize("felt", [False, True], ids=["alone", "with proprioception"])
 def test_a_policy_of_the_privileged_observation_is_trained_and_evaluated_without_an_encoder(
-    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    felt: bool, tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
     from thalweg.bench.evaluate.episodes import read_episodes
     from thalweg.env import EnvConfig, RiverVectorEnv
     from thalweg.train import load_policy
+    from thalweg.train.numbers import NumbersVectorEnv
 
     def drawn(*_: object, **__: object):
         raise AssertionError("frames were drawn, or an encoder was loaded")
@@ -462,11 +468,13 @@ def test_a_policy_of_the_privileged_observation_is_trained_and_evaluated_without
     run, out = tmp_path / "run", tmp_path / "rows.csv"
     settings = ["--set", "steps_per_update=64", "passes=1", "--steps", "64", "--num-envs", "2"]
     given = ["train", "--observation", "privileged", "--algorithm", "ppo", "--level", "easy", *settings]
-    assert main([*given, "--out", str(run)]) == 0
+    assert main([*given, *["--proprioception"] * felt, "--out", str(run)]) == 0
     assert f"Evaluate it: thalweg evaluate {run} --levels easy\n" in capsys.readouterr().out
     flown = ["evaluate", str(run), "--levels", "easy", "--episodes", "2", "--deterministic"]
     assert main([*flown, "--out", str(out)]) == 0
-    env = RiverVectorEnv([easy_world], 1, EnvConfig(observation="privileged"))
+    parts: Any = ("privileged", "proprioception") if felt else "privileged"
+    env: Any = RiverVectorEnv([easy_world], 1, EnvConfig(observation=parts))
+    env = NumbersVectorEnv(env) if felt else env
     for row in read_episodes(out):
         obs, _ = env.reset(seed=0, options={"pose": [row.x, row.y, row.z, row.yaw]})
         policy, return_, ended, length = load_policy(run), 0.0, np.zeros(1, bool), 0

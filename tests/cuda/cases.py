@@ -31,13 +31,15 @@ FLIGHTS, STEPS = 5, 60
 
 
 def flown() -> dict[str, np.ndarray]:
-    """What happens to environments of tensors in all steps of random flights, and what the ideal eye sees of it."""
-    env = TensorRiverEnv(worlds(), FLIGHTS, EnvConfig(observation="privileged", max_idle_steps=8), device="cpu")
+    """What happens to environments of tensors in all steps of random flights, and what they see and feel of it."""
+    config = EnvConfig(observation=("proprioception", "privileged"), max_idle_steps=8)
+    env = TensorRiverEnv(worlds(), FLIGHTS, config, device="cpu")
     env.reset(seed=0)
     chosen = torch.randint(0, 3, (STEPS, FLIGHTS, 4), generator=torch.Generator().manual_seed(0))
     steps = [env.step(actions) for actions in chosen]
     return {
-        "seen": np.array([obs.numpy() for obs, *_ in steps]),
+        "seen": np.array([obs["privileged"].numpy() for obs, *_ in steps]),
+        "felt": np.array([obs["proprioception"].numpy() for obs, *_ in steps]),
         "pose": np.array([info["pose"].numpy() for *_, info in steps]),
         "reward": np.array([reward.numpy() for _, reward, *_ in steps]),
         "costs": np.array([info["costs"].numpy() for *_, info in steps]),

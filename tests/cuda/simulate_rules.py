@@ -9,6 +9,7 @@ from tests.cuda import cases, simulated
 from thalweg.core.compute import gpu
 from thalweg.env import torch_env as tensors
 from thalweg.env.device import cuda_step as rules
+from thalweg.env.device import observer
 
 THREADS = 2
 
@@ -21,7 +22,8 @@ def main(path: str) -> None:
         rules.advance_pushed, blocks, THREADS, simulated.DEVICE, *given
     )
     tensors.write_winds = lambda *given: gpu.launch(rules.write_winds, blocks, THREADS, simulated.DEVICE, *given)
-    tensors.see_all = lambda *given: gpu.launch(rules.see, blocks, THREADS, simulated.DEVICE, *given)
+    observer.see_all = lambda *given: gpu.launch(rules.see, blocks, THREADS, simulated.DEVICE, *given)
+    observer.feel_all = lambda *given: gpu.launch(rules.feel, blocks, THREADS, simulated.DEVICE, *given)
     pushed = {f"pushed {name}": values for name, values in cases.flown_in_wind().items()}
     np.savez(path, **cases.flown(), **pushed)
 

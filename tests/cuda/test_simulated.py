@@ -88,6 +88,8 @@ def test_flights_equal_those_of_the_cpu(flights: Any):
     np.testing.assert_array_equal(found["reward"], wanted["reward"])
     np.testing.assert_allclose(found["pose"], wanted["pose"], rtol=0, atol=1e-9)
     np.testing.assert_allclose(found["seen"], wanted["seen"], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(found["felt"], wanted["felt"], rtol=0, atol=1e-5)
+    assert wanted["felt"].std((0, 1)).min() > 0.1
     assert wanted["seen"][..., 5:].std((0, 1)).min() == 0 < wanted["seen"][..., :5].std((0, 1)).min()
 
 

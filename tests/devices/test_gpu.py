@@ -88,6 +88,24 @@ def test_replayed_frames_equal_those_that_are_launched(
         assert torch.equal(out, expected[seed])
 
 
+@pytest.mark.parametrize("observation", [("rgb", "mask", "depth", "class"), ("depth",), ("mask", "class")])
+def test_layers_of_observations_are_those_of_the_renderer(
+    observation: Any, easy_world: World, medium_world: World, card: torch.device
+):
+    worlds = [easy_world, medium_world]
+    env = TensorRiverEnv(worlds, 16, EnvConfig(observation=observation), device=str(card))
+    obs, info = env.reset(seed=1)
+    renderer = Renderer(worlds, device=str(card))
+    for step in range(5):  # launched, recorded and replayed
+        clock = env.get_state()["time_s"]
+        drawn = renderer.render_layers(info["pose"].cpu().numpy(), env.world_index, clock)
+        wanted = {"rgb": drawn.rgb, "mask": drawn.mask[..., None] * np.uint8(255)}
+        wanted |= {"depth": drawn.depth_m[..., None], "class": drawn.class_id[..., None]}
+        for part in observation:
+            np.testing.assert_array_equal(obs[part].cpu().numpy(), wanted[part], err_msg=f"{part} of step {step}")
+        obs, *_, info = env.step(torch.ones(16, 4, dtype=torch.int64, device=card))
+
+
 @pytest.mark.parametrize("name", SMALL)
 def test_a_step_never_waits_for_the_device(name: str, easy_world: World, card: torch.device):
     env, entry = flown(easy_world, card), algorithm_named(name)

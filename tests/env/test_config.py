@@ -62,7 +62,7 @@ def test_an_unknown_option_lists_the_known_ones():
         {"forward_step_m": "1"},
         {"forward_step_m": True},
         {"start_heading_deg": float("nan")},
-        {"observation": ["rgb"]},
+        {"observation": 4},
         {"camera": None},
     ],
 )

@@ -12,10 +12,11 @@ from thalweg.env import EnvConfig
 from thalweg.env.device import cuda_step
 from thalweg.env.device.step import advance_all
 from thalweg.env.task.ideal_eye import see_all
+from thalweg.env.task.proprioception import feel_all
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.world import World
 
-ON_THE_HOST = {cuda_step.advance: advance_all, cuda_step.see: see_all}
+ON_THE_HOST = {cuda_step.advance: advance_all, cuda_step.see: see_all, cuda_step.feel: feel_all}
 
 
 @pytest.fixture
@@ -40,15 +41,17 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def test_launched_steps_equal_those_of_the_cpu(easy_world: World, launched: list[str]):
-    here, there = (TensorRiverEnv(easy_world, 5, EnvConfig(observation="privileged"), device="cpu") for _ in range(2))
+    config = EnvConfig(observation=("proprioception", "privileged"))
+    here, there = (TensorRiverEnv(easy_world, 5, config, device="cpu") for _ in range(2))
     for env in (here, there):
         env.reset(seed=3)
     assert there._actions.shape == (5, 4)  # allocated before the device is replaced
-    there.device = SimpleNamespace(type="cuda")  # pyright: ignore[reportAttributeAccessIssue]
+    there.device = there._launcher.device = SimpleNamespace(type="cuda")  # pyright: ignore[reportAttributeAccessIssue]
     there._unit_actions = here._unit_actions
     for step in range(40):
         actions = torch.randint(0, 3, (5, 4), generator=torch.Generator().manual_seed(step))
         (seen, reward, *_, info), (seen_there, reward_there, *_, info_there) = here.step(actions), there.step(actions)
-        assert torch.equal(seen, seen_there) and torch.equal(reward, reward_there)
+        assert all(torch.equal(seen[part], seen_there[part]) for part in config.parts)
+        assert torch.equal(reward, reward_there)
         assert torch.equal(info["pose"], info_there["pose"])
-    assert launched == ["advance", "see"] * 40
+    assert launched == ["advance", "feel", "see"] * 40

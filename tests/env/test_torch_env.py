@@ -14,10 +14,12 @@ from thalweg.env import RiverVectorEnv
 from thalweg.env.config import ConfigError, EnvConfig
 from thalweg.env.device.memory import bytes_per_env, check_memory
 from thalweg.env.initial_poses import CLOCK_RANGE_S, check_pose
+from thalweg.env.observation import PARTS
 from thalweg.env.snapshot import StateError
 from thalweg.env.spaces import ActionError
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.torch_env import BUFFERS, TensorRiverEnv
+from thalweg.render.records.appearance import HALF_H, PITCH
 from thalweg.render.records.randomisation import Randomisation
 
 N = 6
@@ -107,8 +109,11 @@ def test_a_finished_episode_restarts_at_another_pose_with_zero_reward():
     check_pose(env._courses, row % 2, env.config, begun[row].numpy())
 
 
-@pytest.mark.parametrize("kind", ["rgb+mask", "rgb", "mask", "dict"])
-def test_frames_are_those_of_the_gymnasium_environment(kind: str):
+COMBINATIONS = [tuple(PARTS), ("rgb",), ("mask", "class"), ("depth", "privileged"), ("mask", "proprioception")]
+
+
+@pytest.mark.parametrize("kind", ["rgb+mask", "rgb", "mask", "dict", *COMBINATIONS])
+def test_frames_are_those_of_the_gymnasium_environment(kind: str | tuple):
     config = EnvConfig(observation=kind)  # pyright: ignore[reportArgumentType]
     tensors = TensorRiverEnv(worlds(), 2, config, device="cpu")
     frames, info = tensors.reset(seed=1)
@@ -117,9 +122,59 @@ def test_frames_are_those_of_the_gymnasium_environment(kind: str):
     vector.reset(seed=0, options={"pose": info["pose"].numpy()})
     vector.state.time_s[:] = state["time_s"]
     theirs = vector.observe()
-    for ours, wanted in zip(*(v.values() if kind == "dict" else [v] for v in (frames, theirs)), strict=True):
+    for ours, wanted in zip(*(v.values() if isinstance(v, dict) else [v] for v in (frames, theirs)), strict=True):
         np.testing.assert_array_equal(ours.numpy(), wanted)
-        assert wanted.std() > 5 or kind in ("mask", "dict")
+        assert ours.numpy().dtype == wanted.dtype
+        assert wanted.std() > 5 or kind not in ("rgb+mask", "rgb")
+    if not isinstance(kind, str):
+        assert tuple(frames) == tuple(theirs) == kind
+
+
+def test_what_is_felt_is_what_the_gymnasium_environment_feels():
+    felt = ("proprioception", "privileged")
+    tensors = made(observation=felt)
+    vector = RiverVectorEnv(worlds(), N, EnvConfig(observation=felt), autoreset_mode=AutoresetMode.NEXT_STEP)
+    obs, info = tensors.reset(seed=3)
+    theirs, _ = vector.reset(seed=0, options={"pose": info["pose"].numpy()})
+    ends = 0
+    for chosen in actions(0, 150):
+        for part in felt:
+            np.testing.assert_array_equal(obs[part].numpy(), theirs[part])
+        before = tensors.get_state()["ended"].astype(bool)
+        (obs, *_, info), theirs = tensors.step(chosen), vector.step(chosen.numpy())[0]
+        if before.any():  # both have begun anew, each where it likes
+            theirs, _ = vector.reset(options={"reset_mask": before, "pose": info["pose"].numpy()})
+        ends += int(before.sum())
+    assert ends > 10
+
+
+def test_the_last_step_is_part_of_a_state_only_where_it_is_felt():
+    felt, others = made(observation=("proprioception",)), made()
+    states = []
+    for env in (felt, others):
+        env.reset(seed=0)
+        env.step(torch.tensor([[0, 1, 0, 1]]).repeat(N, 1))
+        states.append(env.get_state())
+    assert set(states[0]) - set(states[1]) == {"last_pose", "last_action"}
+    other = made(observation=("proprioception",))
+    other.set_state(states[0])
+    seen = other.observe()["proprioception"]
+    assert torch.equal(seen, felt.observe()["proprioception"])
+    assert torch.equal(seen[:, 3:], torch.tensor([[4.0, 0, 1, 0, 1, 0]]).repeat(N, 1))
+
+
+def test_cameras_are_where_the_gymnasium_environment_has_them():
+    looks = Randomisation.only(pitch_deg=(-5.0, 5.0), fov_deg=(-5.0, 5.0))
+    env = made(randomisation=looks)
+    _, info = env.reset(seed=2)
+    matrices, rows = env.camera_matrices, env._observer._look_rows[env._tensors["look"]].double().numpy()
+    pitch = np.degrees(rows[:, PITCH]) - env.config.camera.pitch_deg
+    fov = np.degrees(2 * np.arctan(rows[:, HALF_H])) - env.config.camera.fov_deg
+    expected = env.config.camera.camera_matrices(info["pose"].numpy(), pitch, fov)
+    assert np.ptp(pitch) > 2 and np.ptp(fov) > 2
+    for found, wanted in zip(matrices, expected, strict=True):
+        assert found.dtype == torch.float64
+        np.testing.assert_allclose(found.numpy(), wanted, rtol=1e-6, atol=1e-6)
 
 
 def test_what_is_returned_is_valid_until_the_second_step_after():
@@ -211,6 +266,8 @@ def test_more_environments_than_the_device_has_memory_for_are_refused_before_any
     config = EnvConfig()
     each = bytes_per_env(pack_courses(worlds(), config), config, BUFFERS)
     assert each > BUFFERS * 4 * 128 * 128  # its frames alone
+    layers = EnvConfig(observation=("rgb", "depth"))
+    assert bytes_per_env(pack_courses(worlds(), layers), layers, BUFFERS) == each + BUFFERS * 5 * 128 * 128
     monkeypatch.setattr("thalweg.env.torch_env.free_bytes", lambda device: 10 * each)
     TensorRiverEnv(worlds(), 10, config, device="cpu")
     with pytest.raises(ConfigError, match=r"num_envs = 1,000,000,000,000 takes .* are free: at most 10 fit"):

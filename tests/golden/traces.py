@@ -109,6 +109,16 @@ def privileged() -> Trace:
     return found
 
 
+def proprioception() -> Trace:
+    """What vehicles feel in random flights on a hand-made ring: mean and deviation of each number."""
+    felt = EnvConfig(observation=("proprioception",), allow_backward=True)
+    env = RiverVectorEnv([ring(level_m=0.5)], 16, felt)
+    env.reset(seed=3)
+    rng = np.random.default_rng(7)
+    seen = np.array([env.step(rng.integers(0, 3, (16, 4)))[0]["proprioception"] for _ in range(60)], np.float64)
+    return {"mean": seen.mean(axis=(0, 1)), "deviation": seen.std(axis=(0, 1))}
+
+
 def rules() -> Trace:
     """What random actions and the scripted pilot earn, cost and end with on a hand-made ring and on Hard."""
     found = {}
@@ -293,6 +303,7 @@ GOLDENS: dict[str, Golden] = {
     "rules": Golden("RULES", versions.RULES, rules, tolerance=1e-9),
     "forces": Golden("FORCES", versions.FORCES, forces, tolerance=1e-9),
     "privileged": Golden("PRIVILEGED", versions.PRIVILEGED, privileged, tolerance=1e-4, smallest=1e-3),
+    "proprioception": Golden("PROPRIOCEPTION", versions.PROPRIOCEPTION, proprioception, tolerance=1e-4, smallest=1e-3),
     "evaluation": Golden("EVALUATION", versions.EVALUATION, evaluation, tolerance=1e-9),
     "training": Golden("TRAINING", versions.TRAINING, training),
     "encoder": Golden("ENCODER", versions.ENCODER, encoder, tolerance=0.05, smallest=0.05),

@@ -18,7 +18,8 @@ from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, AlgorithmError
 from thalweg.core.compute.device import DeviceError
 from thalweg.train import TrainingError, run
-from thalweg.train.river import IMAGES, RiverTraining, observation_of_run
+from thalweg.train.observations import IMAGES, observation_of_run
+from thalweg.train.river import RiverTraining
 from thalweg.train.rollouts import images as images_of_rollouts
 from thalweg.train.rollouts.env_stepper import EnvStepper
 

@@ -16,7 +16,8 @@ from thalweg.algos.policy.vision import Eyes
 from thalweg.core import versions
 from thalweg.render import RENDER_VERSION
 from thalweg.train.errors import TrainingError
-from thalweg.train.river import IMAGES, RiverTraining, check_policy_fits, observation_of
+from thalweg.train.observations import IMAGES, check_policy_fits, observation_of
+from thalweg.train.river import RiverTraining
 
 ENCODER: Any = SimpleNamespace(latent=16, about={"path": __file__})
 PRIVILEGED = {"observation": "privileged", "privileged_version": versions.PRIVILEGED}

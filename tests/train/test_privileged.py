@@ -21,7 +21,8 @@ from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import compilation
 from thalweg.train import load_policy, river, run
 from thalweg.train.errors import TrainingError
-from thalweg.train.river import RiverTraining, check_policy_fits, observation_of
+from thalweg.train.observations import check_policy_fits, observation_of
+from thalweg.train.river import RiverTraining
 
 SMALL = {"steps_per_update": 64, "minibatch": 32, "passes": 1, "hidden": [8], "critic_warmup_steps": 0}
 EYE = EnvConfig(observation="privileged")

@@ -23,7 +23,8 @@ from thalweg.env.config import ConfigError
 from thalweg.render import RENDER_VERSION, Camera, compilation
 from thalweg.train import river, run
 from thalweg.train.errors import TrainingError
-from thalweg.train.river import RiverTraining, check_policy_fits, encoder_hash, load_compatible_encoder
+from thalweg.train.observations import check_policy_fits, encoder_hash
+from thalweg.train.river import RiverTraining, load_compatible_encoder
 from thalweg.world import LEVELS, Reach
 
 

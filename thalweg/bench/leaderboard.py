@@ -21,7 +21,7 @@ from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.record import arms_of, observation_of
-from thalweg.train.river import FRAMES, IMAGES, PRIVILEGED
+from thalweg.train.observations import FRAMES, IMAGES, PRIVILEGED
 from thalweg.world import LEVELS
 
 LEVEL = "Medium"
@@ -70,7 +70,7 @@ class Entry:
     missing: tuple[str, ...]
     """What the results lack of `REQUIREMENTS`."""
     observation: str = FRAMES
-    """What the policy sees, see `thalweg.train.river.IN_WORDS`."""
+    """What the policy sees, see `thalweg.train.observations.IN_WORDS`."""
 
     @property
     def privileged(self) -> bool:

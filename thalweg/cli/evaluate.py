@@ -135,7 +135,8 @@ def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
     of `load_compatible_encoder` and `check_policy_fits`.
     """
     from thalweg.bench.evaluate.baselines import sight_of
-    from thalweg.train.river import IN_WORDS, check_policy_fits, load_compatible_encoder, observation_of
+    from thalweg.train.observations import IN_WORDS, check_policy_fits, observation_of
+    from thalweg.train.river import load_compatible_encoder
 
     sight = sight_of(policy)
     if sight in ("privileged", "images") and command.encoder is not None:

@@ -39,6 +39,8 @@ class Train:
     """Number of environments that step together."""
     observation: Literal["frames", "privileged", "rgb+mask", "rgb", "mask"] = "frames"
     """`frames` through an encoder; `privileged`: what an ideal eye tells; the others: images, for --set policy=cnn."""
+    proprioception: bool = False
+    """Beside codes or the privileged observation, also height, velocities, yaw rate and the last action."""
     encoder: Path | None = None
     """File of the encoder; by default the one that comes with the package. For `frames` without policy=cnn only."""
     preset: str = "default"
@@ -75,6 +77,7 @@ class Train:
             algorithm.name,
             load_compatible_encoder(self.encoder, self.device) if coded else None,
             observation=None if self.observation == "frames" else self.observation,
+            proprioception=self.proprioception,
             steps=self.steps,
             seed=self.seed,
             folder=self.out,

@@ -15,6 +15,8 @@ FORCES = 1
 """Motion under wind, current and inertia, and the weather that a seed draws."""
 PRIVILEGED = 2
 """The numbers of the ideal eye."""
+PROPRIOCEPTION = 1
+"""What a vehicle measures of itself."""
 ENCODER = 1
 """Training of an encoder, and its codes of frames."""
 TRAINING = 1

@@ -14,6 +14,7 @@ from pydantic import BeforeValidator, Field, InstanceOf, PositiveInt, model_vali
 
 from thalweg.core.config import FiniteNonNegative, FinitePositive, Hint, PairOf, frozen_config, refuse_unknown
 from thalweg.env.errors import ConfigError
+from thalweg.env.observation import DRAWN, LAYERS, Observation, parts_of
 from thalweg.env.physics.feasible import check_forces
 from thalweg.env.physics.inertia import Inertia
 from thalweg.env.physics.ranges import FromNumber, InOrder
@@ -22,7 +23,6 @@ from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
 
-Observation = Literal["rgb+mask", "rgb", "mask", "dict", "privileged", "none"]
 ActionSpace = Literal["multidiscrete", "continuous"]
 RewardScheme = Literal["paper", "package"]
 Dynamics = Literal["kinematic", "inertial"]
@@ -102,7 +102,9 @@ class EnvConfig:
     observation: Observation = "rgb+mask"
     """Observation: `rgb+mask` (4 channels), `rgb`, `mask`, which draws no colours and is several times as fast, `dict`
     (keys rgb and mask). Without frames: `privileged`, what a perfect camera could tell
-    (`thalweg.env.task.ideal_eye.FEATURES`), or `none`, the pose x, y, z, yaw."""
+    (`thalweg.env.task.ideal_eye.FEATURES`), or `none`, the pose x, y, z, yaw. Or a dictionary of any of the parts
+    `rgb`, `mask`, `depth`, `class`, `proprioception` (`thalweg.env.task.proprioception.PROPRIOCEPTION`) and
+    `privileged`: a tuple of their names, or a text such as "rgb,depth"."""
     action: ActionSpace = "multidiscrete"
     """Action: `multidiscrete` is four branches of 0, 1, 2; `continuous` is four numbers in -1..1, +1 = up, turn left,
     forward, left."""
@@ -177,6 +179,12 @@ class EnvConfig:
         return self
 
     @model_validator(mode="after")
+    def _velocities_have_a_duration(self) -> Self:
+        if "proprioception" in self.parts and not self.step_s > 0:
+            raise ValueError(f"step_s must be above 0 for proprioception, which has velocities, got {self.step_s}")
+        return self
+
+    @model_validator(mode="after")
     def _vehicle_withstands_the_forces(self) -> Self:
         if self.dynamics == "inertial" and self.action != "continuous":
             raise ValueError(f"dynamics='inertial' needs action='continuous', not {self.action!r}")
@@ -194,12 +202,23 @@ class EnvConfig:
         """Return what defines the task as plain data: all fields but `critic_info`, which nothing in it depends on, and
         those of `FORCE_FIELDS` that have their defaults."""
         left_out = {name for name in FORCE_FIELDS if getattr(self, name) == getattr(DEFAULT_CONFIG, name)}
-        return {name: value for name, value in asdict(self).items() if name not in {"critic_info"} | left_out}
+        parts = {} if isinstance(self.observation, str) else {"observation": list(self.observation)}
+        return {name: value for name, value in asdict(self).items() if name not in {"critic_info"} | left_out} | parts
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Parts of the observation, see `thalweg.env.observation.PARTS`; empty for the pose alone."""
+        return parts_of(self.observation)
 
     @property
     def channels(self) -> int:
-        """Channels that are drawn for an observation: 4, 1 of a mask, or 0."""
-        return {"mask": 1, "privileged": 0, "none": 0}.get(self.observation, 4)
+        """Channels that are drawn for an observation: 4 with colours, 1 of a mask, or 0."""
+        return 4 if "rgb" in self.parts else int(any(part in DRAWN for part in self.parts))
+
+    @property
+    def draws_layers(self) -> bool:
+        """Whether depth and class are drawn for an observation."""
+        return any(part in LAYERS for part in self.parts)
 
     def seen_through(self, inputs: str) -> "EnvConfig":
         """Return the config for an encoder of `inputs`, such as "mask": nothing is drawn that it does not see."""

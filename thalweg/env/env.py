@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, EnvConfig, integer_at_least
 from thalweg.env.spaces import batch_of_one, observation_at
 from thalweg.env.vector_env import RiverVectorEnv
+from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
 
 SCALARS = {"cost": float, "done_reason": int, "progress": float}
@@ -40,6 +41,12 @@ class RiverEnv(gymnasium.Env):
         self.action_space = self.vector.single_action_space
         if config.critic_info:
             self.critic_space = self.vector.single_critic_space
+
+    @property
+    def camera_matrices(self) -> CameraMatrices:
+        """Matrices K [3, 3], R [3, 3] and t [3] of the camera in the current state, in OpenCV's convention; see
+        `thalweg.render.records.pinhole`."""
+        return CameraMatrices(*(matrices[0] for matrices in self.vector.camera_matrices))
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start a new episode, at `options["pose"]` [4] if given; returns observation and info."""

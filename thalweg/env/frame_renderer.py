@@ -1,20 +1,24 @@
 """Rendering for a vector environment: cameras, appearances and lights of N environments, drawn by one renderer."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
 from inspect import signature
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig
 from thalweg.env.task.course_arrays import fingerprint
 from thalweg.env.task.rules import State
-from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.appearance import PARAMETERS, look_rows, look_values
+from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.render.slot_renderer import SlotRenderer
 from thalweg.world.record import World
+
+if TYPE_CHECKING:
+    from thalweg.render.renderer import Frame, Layer
 
 
 class Views(NamedTuple):
@@ -33,8 +37,21 @@ class Views(NamedTuple):
     segment: np.ndarray
     """[M] int64, of the course, and the direction of travel along it; see `thalweg.env.task.rules.State`."""
     travel: np.ndarray
-    wind: np.ndarray
-    """[M, 2] float64, m/s towards east and north: the mean wind of the episode."""
+    wind: np.ndarray | None = None
+    """[M, 2] float64, m/s towards east and north: the mean wind of the episode; None is no wind."""
+    proprioception: np.ndarray | None = None
+    """[M, P] float32, see `thalweg.env.task.proprioception`; None where it is not observed."""
+
+    def rows(self, rows: np.ndarray) -> "Views":
+        """Return some of the views, by mask [M] bool or indices."""
+        some: list[Any] = [None if array is None else array[rows] for array in self]
+        return Views(*some)
+
+    def and_views(self, others: "Views") -> "Views":
+        """Return these views followed by those of others."""
+        pairs = zip(self, others, strict=True)
+        both: list[Any] = [None if a is None or b is None else np.concatenate([a, b]) for a, b in pairs]
+        return Views(*both)
 
 
 def relit_worlds(worlds: Sequence[World], randomisation: Randomisation | None) -> list[World]:
@@ -72,6 +89,11 @@ class FrameRenderer:
             if config.randomisation is not None:
                 raise ConfigError("randomisation needs a renderer of its own: give either that or a renderer")
             _check_renderer(renderer, worlds, config)
+            if config.draws_layers and not hasattr(renderer, "render_layers"):
+                raise ConfigError(
+                    f"the observation {','.join(config.parts)} needs a renderer with `render_layers`, which"
+                    f" {type(renderer).__name__} has not"
+                )
         self.camera = config.camera if renderer is None else renderer.camera
         if config.randomisation is not None:
             look_rows(config.randomisation.ends, self.camera)  # refuses angles outside the range of a camera
@@ -97,6 +119,11 @@ class FrameRenderer:
         values = state.pose, state.world, state.time_s, self.look, self.sun, state.segment, state.travel, self.wind
         return Views(*(a[rows].copy() for a in values))
 
+    def camera_matrices(self, poses: np.ndarray) -> CameraMatrices:
+        """Return the matrices of the N cameras at poses [N, 4], each with the lens of its look."""
+        look = dict(zip(PARAMETERS, self.look.T, strict=True))
+        return self.camera.camera_matrices(poses, look["pitch_deg"], look["fov_deg"])
+
     def render_masks(self, views: Views) -> np.ndarray:
         """Return new masks [M, H, W, 1] uint8 of the views, the fourth channel of their frames."""
         # A renderer of someone else's may draw nothing but whole frames.
@@ -110,13 +137,24 @@ class FrameRenderer:
     def render(self, views: Views) -> np.ndarray:
         """Return new frames [M, H, W, 4] uint8 of the views."""
         out = np.empty((len(views.pose), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
-        drawer = self._drawer()
-        # A renderer of someone else's may show no wind.
-        blown = {"wind": views.wind} if self._windy and "wind" in signature(drawer.render).parameters else {}
+        blown = self._blown(views)
         if self.randomisation is None:
-            return drawer.render(views.pose, views.world, views.time_s, out, **blown)
+            return self._drawer().render(views.pose, views.world, views.time_s, out, **blown)
         lit_world = views.world * self.lights + views.sun
-        return drawer.render(views.pose, lit_world, views.time_s, out, look=views.look, **blown)
+        return self._drawer().render(views.pose, lit_world, views.time_s, out, look=views.look, **blown)
+
+    def _blown(self, views: Views) -> dict[str, Any]:
+        """Return the wind as the renderer takes it by name; a renderer of someone else's may show none."""
+        shown = self._windy and "wind" in signature(self._drawer().render).parameters
+        return {"wind": views.wind} if shown else {}
+
+    def render_layers(self, views: Views, layers: "Collection[Layer]") -> "Frame":
+        """Return new `Frame`s of the views with these layers; nothing is drawn that they do not need."""
+        blown = self._blown(views)
+        if self.randomisation is None:
+            return self._drawer().render_layers(views.pose, views.world, views.time_s, layers=layers, **blown)
+        lit_world = views.world * self.lights + views.sun
+        return self._drawer().render_layers(views.pose, lit_world, views.time_s, views.look, layers, **blown)
 
     def _drawer(self) -> Any:
         """Return the renderer, which is created when it is first needed."""

@@ -82,6 +82,8 @@ def check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, lights: 
         "sun": (given["sun"] < 0) | (given["sun"] >= lights),
         "generator": given["begun"] & ~given["generator"].any(axis=1),
     }
+    remembered = [name for name in ("last_pose", "last_action") if name in given]  # with proprioception only
+    wrong |= {name: ~np.isfinite(given[name]).all(axis=1) for name in remembered}
     for name, rows in wrong.items():
         if rows.any():
             row = int(np.argmax(rows))

@@ -6,12 +6,16 @@ import gymnasium
 import numpy as np
 
 from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.env.task.proprioception import PROPRIOCEPTION
+from thalweg.render.records.classes import CLASSES
 
 BRANCHES = ("vertical", "yaw", "longitudinal", "lateral")
 """Branches of an action. Options 0, 1, 2: up, none, down; left, none, right; forward, none, backward; left, none,
 right."""
 CHANNELS = {"rgb+mask": 4, "rgb": 3, "mask": 1}
 """Channels of the observations that are one image."""
+SKY_DEPTH_M = -1.0
+"""Depth of the sky, and of all else that a ray never meets."""
 
 
 class ActionError(ValueError):
@@ -69,16 +73,41 @@ def from_unit_actions(kind: str, unit_actions: np.ndarray) -> np.ndarray:
     return (1 - unit_actions).astype(np.int64) if kind == "multidiscrete" else unit_actions.astype(np.float32)
 
 
-def observation_space(kind: str, height_px: int, width_px: int) -> gymnasium.spaces.Space:
+def observation_space(kind: str | tuple[str, ...], height_px: int, width_px: int) -> gymnasium.spaces.Space:
     """Return the observation space of one environment; `kind` as in `EnvConfig.observation`."""
-    image = lambda channels: gymnasium.spaces.Box(0, 255, (height_px, width_px, channels), np.uint8)  # noqa: E731
-    if kind == "dict":
-        return gymnasium.spaces.Dict({"rgb": image(3), "mask": image(1)})
-    if kind == "privileged":
-        return gymnasium.spaces.Box(-np.inf, np.inf, (len(FEATURES),), np.float32)
     if kind == "none":
         return gymnasium.spaces.Box(-np.inf, np.inf, (4,), np.float64)
-    return image(CHANNELS[kind])
+    if kind == "rgb+mask":
+        return gymnasium.spaces.Box(0, 255, (height_px, width_px, 4), np.uint8)
+    parts = part_spaces(height_px, width_px)
+    if kind == "dict":
+        kind = ("rgb", "mask")
+    return parts[kind] if isinstance(kind, str) else gymnasium.spaces.Dict({part: parts[part] for part in kind})
+
+
+def part_spaces(height_px: int, width_px: int) -> dict[str, gymnasium.spaces.Box]:
+    """Return the space of each part of an observation, see `thalweg.env.observation.PARTS`.
+
+    * rgb, mask: uint8 [H, W, 3] sRGB and [H, W, 1], 0 or 255 where water is seen.
+    * depth: float32 [H, W, 1], metres along the optical axis to what is seen; `SKY_DEPTH_M` for the sky.
+    * class: uint8 [H, W, 1], index in `thalweg.render.records.classes.CLASSES`.
+    * proprioception, privileged: float32, the numbers of `PROPRIOCEPTION` and of `FEATURES`.
+    """
+
+    def image(channels: int, low: float = 0, high: float = 255, dtype: Any = np.uint8) -> gymnasium.spaces.Box:
+        return gymnasium.spaces.Box(low, high, (height_px, width_px, channels), dtype)
+
+    def numbers(names: tuple[str, ...]) -> gymnasium.spaces.Box:
+        return gymnasium.spaces.Box(-np.inf, np.inf, (len(names),), np.float32)
+
+    return {
+        "rgb": image(3),
+        "mask": image(1),
+        "depth": image(1, SKY_DEPTH_M, np.inf, np.float32),
+        "class": image(1, 0, len(CLASSES) - 1),
+        "proprioception": numbers(PROPRIOCEPTION),
+        "privileged": numbers(FEATURES),
+    }
 
 
 def frames_to_observations(kind: str, frames: np.ndarray) -> Any:
@@ -94,3 +123,8 @@ def frames_to_observations(kind: str, frames: np.ndarray) -> Any:
 def observation_at(batch: Any, row: int) -> Any:
     """Return a copy of one environment's observation in a batch."""
     return {key: value[row].copy() for key, value in batch.items()} if isinstance(batch, dict) else batch[row].copy()
+
+
+def first_observations(batch: Any, count: int) -> Any:
+    """Return the first `count` observations of a batch, without a copy."""
+    return {key: value[:count] for key, value in batch.items()} if isinstance(batch, dict) else batch[:count]

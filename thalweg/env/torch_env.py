@@ -6,7 +6,7 @@ things differ: random numbers are those of `thalweg.env.device.step`, and tensor
 return is valid until the second step after; copy what is needed longer.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -17,32 +17,25 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from thalweg.core.compute import gpu
 from thalweg.core.compute.device import resolve_device
-from thalweg.core.compute.launch_graphs import LaunchGraphs
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, integer_at_least
+from thalweg.env.device.launcher import Launcher
 from thalweg.env.device.memory import bytes_per_env, check_memory, free_bytes
+from thalweg.env.device.observer import BUFFERS, TensorObserver
 from thalweg.env.device.pushed_step import advance_pushed_all
 from thalweg.env.device.step import advance_all, reset_arguments
 from thalweg.env.forces.arrays import ForceState, empty_forces, force_numbers, has_forces
 from thalweg.env.forces.of_many import PREFIX, write_winds
-from thalweg.env.frame_renderer import lights_per_world, relit_worlds
 from thalweg.env.initial_poses import random_start
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.snapshot import StateError, env_identity, fingerprints
 from thalweg.env.spaces import ActionError, action_space, observation_space, to_unit_actions
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
-from thalweg.env.task.ideal_eye import FEATURES, see_all
+from thalweg.env.task.proprioception import no_last_step
 from thalweg.env.task.rules import Outcome, State, empty_outcome, empty_state
-from thalweg.render.records.appearance import look_rows, look_values
-from thalweg.render.records.breeze import ruffle
+from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
-
-LOOKS = 4096
-"""Number of looks drawn in advance, from which each episode takes one; see `Randomisation`."""
-BUFFERS = 2
-"""Number of frame buffers, which are written alternately."""
 
 Info = dict[str, Tensor]
 
@@ -81,24 +74,19 @@ class TensorRiverEnv:
         self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
         self.num_envs, self.config = integer_at_least("num_envs", num_envs, 1), config
         self.device = torch.device(resolve_device(device))
+        self._launcher = Launcher(self.device, self.num_envs)
+        self._observer = TensorObserver(self.worlds, self.num_envs, config, self._launcher)
         courses = pack_courses(self.worlds, config)
         shared = 0
         if self.device.type != "cpu" and config.channels:
-            shared = self._renderer.scratch_bytes
+            shared = self._observer.renderer.scratch_bytes
         check_memory(self.num_envs, bytes_per_env(courses, config, BUFFERS), shared, free_bytes(self.device))
         for world in range(len(self.worlds)):  # a reset on the device cannot report that there is no safe start
             random_start(courses, world, config, config.limits, np.random.default_rng(world))
         self.world_index = np.arange(self.num_envs, dtype=np.int64) % len(self.worlds)
         """[N] index of the world of each environment."""
-        self._lights = lights_per_world(config.randomisation)
-        self._look_rows, self._look_lights = (self._tensor(values) for values in self._draw_looks())
-        """[LOOKS, P] the looks as the renderer takes them, and [LOOKS] the light of each; one of each without
-        randomisation."""
         self._allocate(courses)
-        self._buffer, self._started = 0, False
-        self._graphs = LaunchGraphs(self.device)
-        """CUDA graphs of the launches of a step, whose arguments never change."""
-
+        self._started = False
         size = config.camera.height_px, config.camera.width_px
         self.single_action_space = action_space(config.action)
         self.single_observation_space = observation_space(config.observation, *size)
@@ -106,16 +94,6 @@ class TensorRiverEnv:
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         if config.critic_info:
             self.single_critic_space = critic_space(config.observation)
-
-    def _draw_looks(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the looks [LOOKS, P] of the randomisation and the light [LOOKS] of each; one of each without it."""
-        randomisation = self.config.randomisation
-        values, lights = look_values(None, 1), np.zeros(1, np.int64)
-        if randomisation is not None:
-            generator = np.random.default_rng(LOOKS)
-            drawn = [randomisation.draw(generator) for _ in range(LOOKS)]
-            values, lights = np.array([look for look, _ in drawn]), np.array([light for _, light in drawn])
-        return look_rows(values, self.config.camera), lights
 
     def _allocate(self, courses: CourseArrays) -> None:
         """Create the tensors of all episodes, and the kernels' views of them."""
@@ -125,21 +103,24 @@ class TensorRiverEnv:
             name: np.zeros(self.num_envs, np.int64) for name in ("seed", "episode", "look")
         }
         counters["ended"] = np.ones(self.num_envs, np.uint8)
+        if "proprioception" in self.config.parts:
+            counters["last_pose"], counters["last_action"] = no_last_step(self.num_envs)
         pushed = has_forces(self.config)
         force = empty_forces(self.num_envs)._asdict() if pushed else {}
         force = {PREFIX + name: values for name, values in force.items()}
+        tensor, array = self._launcher.tensor, self._launcher.array
         everything = {**state, **outcome, **counters, **force}
-        self._tensors = {name: self._tensor(values) for name, values in everything.items()}
+        self._tensors = {name: tensor(values) for name, values in everything.items()}
         """Everything that a step reads and changes."""
         self._state_names = (*state, *counters, *force)
         """Names of the tensors that the future depends on."""
-        self._segments = self._tensor(courses.segments[self.world_index])
-        self._max_steps = self._tensor(courses.max_steps[self.world_index])
-        arrays = {name: self._array(tensor) for name, tensor in self._tensors.items()}
-        self._courses = CourseArrays(*(self._array(self._tensor(values)) for values in courses))
-        reset = reset_arguments(
-            self.config, arrays["seed"], arrays["episode"], arrays["look"], len(self._look_rows)
-        )  # fmt: skip
+        self._segments = tensor(courses.segments[self.world_index])
+        self._max_steps = tensor(courses.max_steps[self.world_index])
+        arrays = {name: array(values) for name, values in self._tensors.items()}
+        self._courses = CourseArrays(*(array(tensor(values)) for values in courses))
+        self._observer.attach(self._tensors, self._courses)
+        looks = self._observer.looks
+        reset = reset_arguments(self.config, arrays["seed"], arrays["episode"], arrays["look"], looks)
         self._forces = (force_numbers(self.config), ForceState(*(arrays[name] for name in force))) if pushed else None
         """Numbers and arrays of wind, current and inertia; None without them."""
         before, after = ((self._forces[0],), (self._forces[1],)) if self._forces else ((), ())
@@ -156,6 +137,12 @@ class TensorRiverEnv:
         """Arguments of `advance_all`, or with forces of `advance_pushed_all`, after the actions."""
 
     @property
+    def camera_matrices(self) -> CameraMatrices:
+        """Matrices K [N, 3, 3], R [N, 3, 3] and t [N, 3] of the cameras in the current state, float64 tensors on the
+        device, in OpenCV's convention; see `thalweg.render.records.pinhole`."""
+        return self._observer.camera_matrices()
+
+    @property
     def unwrapped(self) -> "TensorRiverEnv":
         return self
 
@@ -167,7 +154,7 @@ class TensorRiverEnv:
         self._tensors["ended"].fill_(1)
         self._started = True
         self._advance(torch.zeros(self.num_envs, 4, dtype=torch.float64, device=self.device))
-        return self._observations(), self._info()
+        return self.observe(), self._info()
 
     def step(self, actions: Tensor) -> tuple[Any, Tensor, Tensor, Tensor, Info]:
         """Take one action [N, 4] per environment; returns observations, rewards [N], terminated [N], truncated [N] and
@@ -183,7 +170,7 @@ class TensorRiverEnv:
         self._advance(unit_actions)
         reason, reward = self._tensors["reason"], self._tensors["reward"].clone()
         truncated = reason == int(DoneReason.MAX_STEP_REACHED)
-        return self._observations(), reward, (reason >= 0) & ~truncated, truncated, self._info()
+        return self.observe(), reward, (reason >= 0) & ~truncated, truncated, self._info()
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return everything that the future depends on, as arrays on the host."""
@@ -208,7 +195,7 @@ class TensorRiverEnv:
 
     def observe(self) -> Any:
         """Return the observations of the current state, as `step` does; for use after `set_state`."""
-        return self._observations()
+        return self._observer.observe()
 
     def close(self) -> None:
         """Do nothing: the environment holds no resources that must be released."""
@@ -218,53 +205,26 @@ class TensorRiverEnv:
         return env_identity(fingerprints(self.worlds), self.config)
 
     @cached_property
-    def _frames(self) -> list[Tensor]:
-        """Frame buffers [N, H, W, 4] uint8, or [N, H, W, 1] of masks."""
-        camera = self.config.camera
-        shape = self.num_envs, camera.height_px, camera.width_px, self.config.channels
-        return [torch.zeros(shape, dtype=torch.uint8, device=self.device) for _ in range(BUFFERS)]
-
-    @cached_property
     def _actions(self) -> Tensor:
         """Unit actions [N, 4] float64 of a step on a GPU."""
         return torch.zeros(self.num_envs, 4, dtype=torch.float64, device=self.device)
-
-    @cached_property
-    def _seen(self) -> Tensor:
-        """What the ideal eye sees [N, FEATURES] float32; memory that `_see` fills again and again."""
-        return torch.zeros(self.num_envs, len(FEATURES), dtype=torch.float32, device=self.device)
 
     @cached_property
     def _blowing(self) -> Tensor:
         """The wind [N, 3] float64; memory that `_wind` fills again and again."""
         return torch.zeros(self.num_envs, 3, dtype=torch.float64, device=self.device)
 
-    @cached_property
-    def _renderer(self) -> Any:
-        """Renderer on this device."""
-        from thalweg.render import Renderer
-
-        worlds = relit_worlds(self.worlds, self.config.randomisation)
-        return Renderer(worlds, self.config.camera, self.config.quality, device=str(self.device))
-
     def _advance(self, unit_actions: Tensor) -> None:
         """Step or reset every environment by unit actions [N, 4] float64."""
-        if self.device.type == "cpu":
-            advance = advance_all if self._forces is None else advance_pushed_all
-            advance(self._array(unit_actions), *self._arguments)
-            return
-        from thalweg.env.device import cuda_step
-
-        self._actions.copy_(unit_actions)
-        advance = cuda_step.advance if self._forces is None else cuda_step.advance_pushed
-        self._launch("advance", advance, lambda: (self._array(self._actions), *self._arguments))
-
-    def _launch(self, name: str, kernel: Callable[..., None], arguments: Callable[[], tuple[Any, ...]]) -> None:
-        """Launch a kernel of `cuda_step`, or replay its launch; it always has the same arguments."""
-        from thalweg.env.device.cuda_step import THREADS
-
-        blocks = -(-self.num_envs // THREADS)
-        self._graphs.run(name, lambda: gpu.launch(kernel, blocks, THREADS, self.device, *arguments(), fastmath=False))
+        begun = self._observer.step(unit_actions)
+        if self.device.type != "cpu":
+            # Launches that are replayed read the same memory again.
+            self._actions.copy_(unit_actions)
+            unit_actions = self._actions
+        array = self._launcher.array
+        name, advance = ("advance", advance_all) if self._forces is None else ("advance_pushed", advance_pushed_all)
+        self._launcher.run(name, advance, lambda: (array(unit_actions), *self._arguments))
+        self._observer.start(begun)
 
     def _unit_actions(self, actions: Tensor) -> Tensor:
         """Return actions as unit actions [N, 4] float64; raises `ActionError`."""
@@ -282,42 +242,6 @@ class TensorRiverEnv:
             raise ActionError(f"actions have type {actions.dtype}; multidiscrete actions are integers 0, 1 or 2")
         units = actions.detach().double()
         return (1.0 - units if self.config.action == "multidiscrete" else units).clamp(-1.0, 1.0).contiguous()
-
-    def _observations(self) -> Any:
-        """Return the observations of the current state, in the buffer whose turn it is."""
-        kind = self.config.observation
-        if kind == "none":
-            return self._tensors["pose"].clone()
-        if kind == "privileged":
-            return self._see()
-        self._buffer = (self._buffer + 1) % BUFFERS
-        frames = self._frames[self._buffer]
-        tensors, look = self._tensors, self._tensors["look"]
-        lit_world = tensors["world"] * self._lights + self._look_lights[look]
-        looks = self._look_rows[look]
-        if self.config.wind is not None:
-            speed, towards, _ = tensors[PREFIX + "mean_wind"].T
-            ruffle(looks, speed * towards.cos(), speed * towards.sin())
-        views = lit_world, tensors["pose"], tensors["time_s"], looks
-        self._renderer.render_tensors(views, frames)
-        if kind == "dict":
-            return {"rgb": frames[..., :3], "mask": frames[..., 3:]}
-        return frames[..., :3] if kind == "rgb" else frames
-
-    def _see(self) -> Tensor:
-        """Return what the ideal eye sees [N, FEATURES] float32."""
-        if self.device.type == "cpu":
-            see_all(*self._arguments_of_see())
-        else:
-            from thalweg.env.device import cuda_step
-
-            self._launch("see", cuda_step.see, self._arguments_of_see)
-        return self._seen.clone()
-
-    def _arguments_of_see(self) -> tuple[Any, ...]:
-        """Return the arguments of `see_all`."""
-        state = (self._array(self._tensors[name]) for name in ("world", "pose", "segment", "travel"))
-        return self._courses, self.config.limits.max_height, *state, self._array(self._seen)
 
     def _info(self) -> Info:
         tensors = self._tensors
@@ -337,18 +261,10 @@ class TensorRiverEnv:
 
     def _wind(self) -> Tensor:
         """Return the wind [N, 3] in m/s that blows in the next step."""
-        if self.device.type == "cpu":
-            write_winds(*self._arguments_of_wind())
-        else:
-            from thalweg.env.device import cuda_step
-
-            self._launch("wind", cuda_step.write_winds, self._arguments_of_wind)
+        forces = self._forces
+        assert forces is not None
+        self._launcher.run("write_winds", write_winds, lambda: (*forces, self._launcher.array(self._blowing)))
         return self._blowing.clone()
-
-    def _arguments_of_wind(self) -> tuple[Any, ...]:
-        """Return the arguments of `write_winds`."""
-        assert self._forces is not None
-        return *self._forces, self._array(self._blowing)
 
     def _critic_obs(self) -> Tensor:
         """Return what critics may see beside the observations of the current state [N, C] float32."""
@@ -361,13 +277,5 @@ class TensorRiverEnv:
             (tensors["steps"], self._max_steps),
         )
         if told.shape[1] > len(PROGRESS):
-            told[:, len(PROGRESS) :] = self._see()
+            told[:, len(PROGRESS) :] = self._observer.see()
         return told
-
-    def _tensor(self, values: np.ndarray) -> Tensor:
-        """Return a copy of an array on the device."""
-        return torch.from_numpy(np.array(values)).to(self.device)
-
-    def _array(self, tensor: Tensor) -> Any:
-        """Return the kernels' view of a tensor."""
-        return tensor.numpy() if self.device.type == "cpu" else gpu.as_kernel_array(tensor)

@@ -19,22 +19,23 @@ from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneRe
 from thalweg.env.forces.of_many import ForcesOfMany
 from thalweg.env.frame_renderer import FrameRenderer, Views
 from thalweg.env.initial_poses import check_pose, project_anywhere, random_clock, random_start, travel_direction
+from thalweg.env.observer import Observer
 from thalweg.env.rivers.assignment import DrawnRivers, FixedRivers, Rivers
 from thalweg.env.rivers.pool import RiverPool
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import (
     CHANNELS,
     action_space,
-    frames_to_observations,
+    first_observations,
     from_unit_actions,
     observation_at,
     observation_space,
     to_unit_actions,
 )
 from thalweg.env.task.course_arrays import CourseArrays
-from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
-from thalweg.env.task.ideal_eye import FEATURES, see_all
+from thalweg.env.task.critic_info import critic_space
 from thalweg.env.task.rules import clear_outcome, empty_outcome, empty_state
+from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
 
 RESET_OPTIONS = ("pose", "reset_mask")
@@ -107,6 +108,7 @@ class RiverVectorEnv(VectorEnv):
             self.frames = FrameRenderer(self.worlds, self.num_envs, config, renderer)
             self.rivers = FixedRivers(self.worlds, self.num_envs, config)
         self.camera = self.frames.camera
+        self.observer = Observer(config, self.frames, self.num_envs, keeps_colours=render_mode is not None)
         self.limits = config.limits
         self.world_index = self.rivers.slot
         """[N] index of the world of each environment in the courses."""
@@ -120,8 +122,6 @@ class RiverVectorEnv(VectorEnv):
         self._started = np.zeros(self.num_envs, dtype=bool)
         self._ended = np.zeros(self.num_envs, dtype=bool)
         self._outcome = empty_outcome(self.num_envs)
-        self._rendered: np.ndarray | None = None
-        """[N, H, W, 3] frames of the current state, if they are known."""
 
         self.single_action_space = action_space(config.action)
         self.single_observation_space = observation_space(
@@ -136,6 +136,12 @@ class RiverVectorEnv(VectorEnv):
     def courses(self) -> CourseArrays:
         """Courses of the rivers in memory, as the rules take them."""
         return self.rivers.courses
+
+    @property
+    def camera_matrices(self) -> CameraMatrices:
+        """Matrices K [N, 3, 3], R [N, 3, 3] and t [N, 3] of the cameras in the current state, in OpenCV's convention;
+        see `thalweg.render.records.pinhole`."""
+        return self.frames.camera_matrices(self.state.pose)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -165,7 +171,7 @@ class RiverVectorEnv(VectorEnv):
             clear_outcome(self._outcome, row)
         mask = np.zeros(self.num_envs, dtype=bool)
         mask[rows] = True
-        results = self._observe(self.frames.views(self.state)), self._info(mask)
+        results = self.observe(), self._info(mask)
         self.rivers.settle()
         return results
 
@@ -185,6 +191,7 @@ class RiverVectorEnv(VectorEnv):
             raise gymnasium.error.ResetNeeded(f"the episodes of environments {ended} have ended; reset them first")
 
         active = ~self._ended
+        self.observer.step(self.state.pose, unit_actions)
         self.forces.step_all(active, unit_actions, self.courses, self.limits, self.state, self._outcome)
         self.state.time_s[active] += self.config.step_s
         for row in np.flatnonzero(~active):
@@ -197,17 +204,17 @@ class RiverVectorEnv(VectorEnv):
         if mode is AutoresetMode.SAME_STEP and self._ended.any():
             observations = self._restart_ended(info)
         else:
-            observations = self._observe(self.frames.views(self.state))
+            observations = self.observe()
         self.rivers.settle()
         return observations, self._outcome.reward.copy(), terminated, truncated, info
 
     def observe(self) -> Any:
         """Return the observations of the current state, as `reset` and `step` do; for use after `set_state`."""
-        return self._observe(self.frames.views(self.state))
+        return self.observer.observe(self.courses, self.observer.views(self.courses, self.state))
 
     def ideal_eye(self) -> np.ndarray:
         """Return what the ideal eye sees of the current state [N, FEATURES] float32, whatever is observed."""
-        return self._see(self.frames.views(self.state))
+        return self.observer.see(self.courses, self.frames.views(self.state))
 
     def draw(self, river: np.ndarray, views: Views) -> np.ndarray:
         """Return the frames [M, H, W, C] of any views, such as stored ones, as observations are.
@@ -223,18 +230,15 @@ class RiverVectorEnv(VectorEnv):
         shape = len(river), self.camera.height_px, self.camera.width_px, CHANNELS[self.config.observation]
         drawn = np.empty(shape, np.uint8)
         for rows, slots in self.rivers.loaded(river):
-            some = Views(*(array[rows] for array in views._replace(world=river)))
-            drawn[rows] = self._observe(some._replace(world=slots))
-        self._rendered = None
+            drawn[rows] = self.observer.observe(self.courses, views.rows(rows)._replace(world=slots))
+        self.observer.forget_colours()
         return drawn
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return the frames of the current state, N of [H, W, 3] uint8, or None without a render mode."""
         if self.render_mode is None:
             return None
-        if self._rendered is None:
-            self._rendered = self.frames.render(self.frames.views(self.state))[..., :3].copy()
-        return tuple(frame.copy() for frame in self._rendered)
+        return tuple(frame.copy() for frame in self.observer.colours(self.state))
 
     def pilot_actions(self, pilot: str = "scripted") -> np.ndarray:
         """Return the actions [N, 4] of a pilot that knows the map in the current state: `scripted`, which is fast, or
@@ -266,7 +270,7 @@ class RiverVectorEnv(VectorEnv):
         arrays = snapshot.copy_state(self.state, self.generators, self._started, self._ended, self._identity)
         del arrays["world"]
         looks = {"look": self.frames.look.copy(), "sun": self.frames.sun.copy()}
-        return {**arrays, **self.rivers.state(), **looks, **self.forces.get_state()}
+        return {**arrays, **self.rivers.state(), **looks, **self.forces.get_state(), **self.observer.state()}
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Restore a state of `get_state`; raises `StateError` before anything changes if it does not fit."""
@@ -278,7 +282,7 @@ class RiverVectorEnv(VectorEnv):
         kept = {**state, "world": self.world_index}
         snapshot.restore_state(kept, self.state, self.generators, self._started, self._ended)
         self.frames.look[:], self.frames.sun[:] = state["look"], state["sun"]
-        self._rendered = None
+        self.observer.load_state(state)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Stop what runs in the background."""
@@ -340,6 +344,7 @@ class RiverVectorEnv(VectorEnv):
         else:
             time_s = random_clock(generator)
         state.pose[row] = pose
+        self.observer.start(row, state.pose[row])
         x, y, _, yaw = state.pose[row]
         projection = project_anywhere(self.courses, world, x, y)
         state.segment[row] = projection.segment
@@ -355,13 +360,13 @@ class RiverVectorEnv(VectorEnv):
     def _restart_ended(self, info: dict[str, Any]) -> Any:
         """Start new episodes where one ended, add `final_obs` and `final_info`; returns the new observations."""
         rows = np.flatnonzero(self._ended)
-        last_views = self.frames.views(self.state, rows)
+        last_views = self.observer.views(self.courses, self.state, rows)
         ended = self._ended.copy()
         for row in rows:
             self._start_episode(int(row))
         # One call of the renderer draws the new frames [N] and the last ones of the ended episodes.
-        both = zip(self.frames.views(self.state), last_views, strict=True)
-        batch = self._observe(Views(*(np.concatenate(pair) for pair in both)))
+        views = self.observer.views(self.courses, self.state).and_views(last_views)
+        batch = self.observer.observe(self.courses, views)
         final_obs = np.full(self.num_envs, None, dtype=object)
         for index, row in enumerate(rows):
             final_obs[row] = observation_at(batch, self.num_envs + index)
@@ -369,11 +374,9 @@ class RiverVectorEnv(VectorEnv):
         for key, value in info.items():
             final_info[key][rows] = value[rows]
         if self.config.critic_info:
-            info["critic_obs"] = self._critic_obs()
+            info["critic_obs"] = self.observer.critic_obs(self.courses, self.state)
         info |= {"final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended.copy()}
-        if isinstance(batch, dict):
-            return {key: value[: self.num_envs] for key, value in batch.items()}
-        return batch[: self.num_envs]
+        return first_observations(batch, self.num_envs)
 
     def _info(self, mask: np.ndarray) -> dict[str, Any]:
         """Return the info of the last action; mask [N] bool selects the environments that it is about."""
@@ -389,44 +392,8 @@ class RiverVectorEnv(VectorEnv):
         if isinstance(self.rivers, DrawnRivers):
             info["river"] = self.rivers.river.copy()
         if self.config.critic_info:
-            info["critic_obs"] = self._critic_obs()
+            info["critic_obs"] = self.observer.critic_obs(self.courses, self.state)
         return info | {f"_{key}": mask.copy() for key in info}
-
-    def _observe(self, views: Views) -> Any:
-        """Return the observations [M, ...] of M views, of which the first N are those of the current state."""
-        self._rendered = None
-        if self.config.observation == "none":
-            return views.pose
-        if self.config.observation == "privileged":
-            return self._see(views)
-        if self.config.observation == "mask":
-            # Colours are drawn only if `render` asks for them.
-            return self.frames.render_masks(views)
-        frames = self.frames.render(views)
-        if self.render_mode is not None:
-            self._rendered = frames[: self.num_envs, ..., :3].copy()
-        return frames_to_observations(self.config.observation, frames)
-
-    def _see(self, views: Views) -> np.ndarray:
-        """Return what the ideal eye sees [M, FEATURES] float32."""
-        seen = np.empty((len(views.pose), len(FEATURES)), np.float32)
-        see_all(self.courses, self.limits.max_height, views.world, views.pose, views.segment, views.travel, seen)
-        return seen
-
-    def _critic_obs(self) -> np.ndarray:
-        """Return what critics may see beside the observations of the current state [N, C] float32."""
-        state, courses = self.state, self.courses
-        count = self.single_critic_space.shape[0]
-        told = np.empty((self.num_envs, count), np.float32)
-        write_progress(
-            told,
-            (state.visited_count, courses.segments[self.world_index]),
-            (state.idle, self.config.max_idle_steps),
-            (state.steps, courses.max_steps[self.world_index]),
-        )
-        if count > len(PROGRESS):
-            told[:, len(PROGRESS) :] = self.ideal_eye()
-        return told
 
 
 def _mode(given: AutoresetMode | str) -> AutoresetMode:

@@ -110,9 +110,7 @@ class Renderer:
 
         Raises `RenderError` for poses, indices, looks, winds or an `out` that do not fit.
         """
-        views = self._checked(poses, world_index, time_s, look)
-        if wind is not None:
-            ruffle(views.looks, *_checked_wind(wind, len(views.poses)).T)
+        views = self._checked(poses, world_index, time_s, look, wind)
         out = _checked_out(out, (len(views.poses), self.camera.height_px, self.camera.width_px, 4))
         self._draw(views, output(COLOURS, _packed(out)))
         return out
@@ -140,6 +138,8 @@ class Renderer:
         time_s: ArrayLike | None = None,
         look: Look | Sequence[Look] | np.ndarray | None = None,
         layers: Collection[Layer] = ALL_LAYERS,
+        *,
+        wind: ArrayLike | None = None,
     ) -> Frame:
         """Frames with depth and class; arguments and errors as in `render`.
 
@@ -150,7 +150,7 @@ class Renderer:
         refuse_unknown("layer", layers, ALL_LAYERS, RenderError)
         if not layers:
             raise RenderError(f"name at least one of the layers {', '.join(ALL_LAYERS)}")
-        views = self._checked(poses, world_index, time_s, look)
+        views = self._checked(poses, world_index, time_s, look, wind)
         shape = (len(views.poses), self.camera.height_px, self.camera.width_px)
         image = np.empty((*shape, 4), np.uint8) if "rgb" in layers else None
         mask = np.empty(shape, np.uint8) if image is None else image[..., 3]
@@ -168,17 +168,22 @@ class Renderer:
         wanted: dict[str, Any] = {name: drawn[name] if name in layers else None for name in ALL_LAYERS}
         return Frame(**wanted)
 
-    def render_tensors(self, views: Sequence[Any], out: Any) -> None:
+    def render_tensors(self, views: Sequence[Any], out: Any, layers: tuple[Any, Any] | None = None) -> None:
         """`render` or `render_mask` without checks and copies, from torch's tensors on this renderer's device into one.
 
         views: world_index [N] int64, poses [N, 4] and times [N] float64, and looks as rows [N, LOOK_COLUMNS] float32 of
-        `thalweg.render.records.appearance.look_rows`; out: [N, H, W, 4] uint8, or [N, H, W, 1] for the mask alone.
+        `thalweg.render.records.appearance.look_rows`; out: [N, H, W, 4] uint8, or [N, H, W, 1] for the mask alone;
+        layers: tensors for the depths [N, H, W] float32 and the classes [N, H, W] uint8 too, see `Frame`.
         """
         if self._gpu is not None:
-            self._gpu.draw_tensors(views, out)
+            self._gpu.draw_tensors(views, out, layers)
             return
         array = out.numpy()
-        wanted = output(MASK, masks=array[..., 0]) if array.shape[-1] == 1 else output(COLOURS, _packed(array))
+        pair = None if layers is None else (layers[0].numpy(), layers[1].numpy())
+        if array.shape[-1] == 1:
+            wanted = output(MASK if pair is None else LAYERS, masks=array[..., 0], layers=pair)
+        else:
+            wanted = output(COLOURS, _packed(array), layers=pair)
         self._draw(Views(*(tensor.numpy() for tensor in views)), wanted)
 
     @property
@@ -206,6 +211,7 @@ class Renderer:
         world_index: ArrayLike | None,
         time_s: ArrayLike | None,
         look: Look | Sequence[Look] | np.ndarray | None,
+        wind: ArrayLike | None = None,
     ) -> Views:
         # Copies, here and below: kernels would be compiled again for arrays that are strided or can't be written to.
         poses = np.array(poses, np.float64, order="C")
@@ -224,6 +230,8 @@ class Renderer:
             rows = np.repeat(self._default_look_row, count, axis=0)
         else:
             rows = look_rows(look_values(look, count), self.camera)
+        if wind is not None:
+            ruffle(rows, *_checked_wind(wind, count).T)
         return Views(index, poses, times, rows)
 
     @cached_property

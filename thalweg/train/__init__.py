@@ -3,7 +3,18 @@ algorithm."""
 
 from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
+from thalweg.train.numbers import NumbersTensorEnv, NumbersVectorEnv
 from thalweg.train.run import run
 from thalweg.train.run_in_folder import RunResult, load_policy
 
-__all__ = ["LatentTensorEnv", "LatentVectorEnv", "ResumeWarning", "RunResult", "TrainingError", "load_policy", "run"]
+__all__ = [
+    "LatentTensorEnv",
+    "LatentVectorEnv",
+    "NumbersTensorEnv",
+    "NumbersVectorEnv",
+    "ResumeWarning",
+    "RunResult",
+    "TrainingError",
+    "load_policy",
+    "run",
+]

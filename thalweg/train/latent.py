@@ -1,9 +1,11 @@
-"""Wrappers that replace the frames of environments by the latents of a frozen encoder, for arrays and for tensors."""
+"""Wrappers that replace the frames of environments by the latents of a frozen encoder, for arrays and for tensors.
+
+Where observations are dictionaries, their numbers, such as proprioception, follow the latents.
+"""
 
 import time
 from typing import Any, Protocol
 
-import gymnasium as gym
 import numpy as np
 import torch
 from gymnasium.vector import VectorEnv, VectorWrapper
@@ -12,10 +14,9 @@ from torch import Tensor
 
 from thalweg.core.compute.device import DeviceError
 from thalweg.train.errors import TrainingError
+from thalweg.train.numbers import FORWARDED
+from thalweg.train.parts import ObservationParts, joined, vector_space
 from thalweg.train.rollouts.stage_timer import StageTimer
-
-FORWARDED = ("get_state", "set_state", "pilot_actions", "single_critic_space")
-"""Attributes beyond Gymnasium's interface that the wrapper has if the environment has them."""
 
 
 class FrameEncoder(Protocol):
@@ -46,58 +47,60 @@ class TensorEncoder(Protocol):
         ...
 
 
-def _image_space(space: gym.Space) -> gym.spaces.Box:
-    """Return a space of images; raises `TrainingError` for another one."""
-    if not isinstance(space, gym.spaces.Box) or len(space.shape) != 3:
-        raise TrainingError(f"an encoder needs images [H, W, C], the environment's observations are {space}")
-    return space
-
-
-def _latent_space(size: int) -> gym.spaces.Box:
-    return gym.spaces.Box(-np.inf, np.inf, (int(size),), np.float32)
+def _parts_of(env: Any) -> ObservationParts:
+    """Return the parts of observations that have an image; raises `TrainingError` for any other."""
+    parts = ObservationParts(env.single_observation_space)
+    if parts.image_shape is None:
+        raise TrainingError(
+            f"an encoder needs images [H, W, C], the environment's observations are {env.single_observation_space}"
+        )
+    return parts
 
 
 class LatentVectorEnv(VectorWrapper):
     """A vector environment whose observations are latents float32 [N, Z], also in `final_obs`.
 
-    One call of the encoder per step encodes the frames of all environments and the last frames of finished episodes.
-    `info`, `get_state`, `set_state`, `pilot_actions` and `single_critic_space` are those of the environment.
+    With P numbers beside its images they are [N, Z + P]: latents, then the numbers as they are. One call of the encoder
+    per step encodes the frames of all environments and the last frames of finished episodes. `info`, `get_state`,
+    `set_state`, `pilot_actions` and `single_critic_space` are those of the environment.
     """
 
     def __init__(self, env: VectorEnv, encoder: FrameEncoder) -> None:
         """Wrap an environment; raises `TrainingError` if its observations are not images."""
         super().__init__(env)
-        space = _image_space(env.single_observation_space)
-        self.encoder = encoder
-        self.single_observation_space = _latent_space(encoder.latent)
+        self._parts, self.encoder = _parts_of(env), encoder
+        self.single_observation_space = vector_space(encoder.latent + self._parts.size)
         self.observation_space = batch_space(self.single_observation_space, env.num_envs)
         # The frames of a step, followed by the last frames of at most as many finished episodes.
-        self._frames = np.empty((2 * env.num_envs, *space.shape), dtype=space.dtype)
+        self._frames = np.empty((2 * env.num_envs, *(self._parts.image_shape or ())), dtype=np.uint8)
         self.stage_seconds = {"encode": 0.0, "env": 0.0}
         """Seconds spent so far in the encoder and in the environment."""
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, dict[str, Any]]:
         """Reset the environment; returns latents [N, Z] and info."""
         started = time.perf_counter()
-        frames, info = self.env.reset(seed=seed, options=options)
+        obs, info = self.env.reset(seed=seed, options=options)
         self.stage_seconds["env"] += time.perf_counter() - started
-        return self._encode(np.asarray(frames)), info
+        return self._latents(obs), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step the environment; returns latents in place of frames."""
         started = time.perf_counter()
-        frames, reward, terminated, truncated, info = self.env.step(actions)
+        obs, reward, terminated, truncated, info = self.env.step(actions)
         self.stage_seconds["env"] += time.perf_counter() - started
         final = info.get("final_obs")
         if final is None:
-            return self._encode(np.asarray(frames)), reward, terminated, truncated, info
+            return self._latents(obs), reward, terminated, truncated, info
         ended = np.flatnonzero(np.asarray(terminated) | np.asarray(truncated))
         ended = [int(env) for env in ended if final[env] is not None]
         count = self.num_envs
-        self._frames[:count] = frames
+        self._frames[:count] = self._parts.image(obs)
         for index, env in enumerate(ended):
-            self._frames[count + index] = final[env]
+            self._frames[count + index] = self._parts.image(final[env])
         latents = self._encode(self._frames[: count + len(ended)])
+        if self._parts.size:
+            numbers = np.stack([*self._parts.numbers(obs), *(self._parts.numbers(final[env]) for env in ended)])
+            latents = joined([latents, numbers])
         final_latents = np.full(count, None, dtype=object)
         for index, env in enumerate(ended):
             final_latents[env] = latents[count + index]
@@ -108,6 +111,11 @@ class LatentVectorEnv(VectorWrapper):
             return getattr(self.env, name)
         raise AttributeError(f"{type(self).__name__} has no {name}")
 
+    def _latents(self, obs: Any) -> np.ndarray:
+        """Return the latents of observations, followed by their numbers if they have any."""
+        latents = self._encode(np.asarray(self._parts.image(obs)))
+        return joined([latents, self._parts.numbers(obs)]) if self._parts.size else latents
+
     def _encode(self, frames: np.ndarray) -> np.ndarray:
         """Return the latents [K, Z] of frames, and add the time to that of the encoder."""
         started = time.perf_counter()
@@ -117,7 +125,8 @@ class LatentVectorEnv(VectorWrapper):
 
 
 class LatentTensorEnv:
-    """Environments of tensors whose observations are latents float32 [N, Z] of their frames.
+    """Environments of tensors whose observations are latents float32 [N, Z] of their frames, then their numbers if
+    they have any.
 
     All other attributes, such as `get_state`, are those of the environments.
     """
@@ -125,11 +134,11 @@ class LatentTensorEnv:
     def __init__(self, env: Any, encoder: TensorEncoder) -> None:
         """Wrap environments; raises `TrainingError` if their observations are not images, and `DeviceError` for an
         encoder on another device."""
-        _image_space(env.single_observation_space)
+        self._parts = _parts_of(env)
         if encoder.device != env.device:
             raise DeviceError(f"the encoder is on {encoder.device}, the environment's tensors on {env.device}")
         self.env, self.encoder = env, encoder
-        self.single_observation_space = _latent_space(encoder.latent)
+        self.single_observation_space = vector_space(encoder.latent + self._parts.size)
         self.observation_space = batch_space(self.single_observation_space, env.num_envs)
         self._timer = StageTimer(env.device, "encode", "env")
 
@@ -141,18 +150,19 @@ class LatentTensorEnv:
     def reset(self, *, seed: int) -> tuple[Tensor, dict[str, Tensor]]:
         """Reset the environments; returns latents [N, Z] and info."""
         with self._timer.measure("env"):
-            frames, info = self.env.reset(seed=seed)
-        return self._encode(frames), info
+            obs, info = self.env.reset(seed=seed)
+        return self._latents(obs), info
 
     def step(self, actions: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Tensor]]:
         """Step the environments; returns latents in place of frames."""
         with self._timer.measure("env"):
-            frames, *rest = self.env.step(actions)
-        return self._encode(frames), *rest
+            obs, *rest = self.env.step(actions)
+        return self._latents(obs), *rest
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.env, name)
 
-    def _encode(self, frames: Tensor) -> Tensor:
+    def _latents(self, obs: Any) -> Tensor:
         with self._timer.measure("encode"):
-            return self.encoder.of_tensor(frames)
+            latents = self.encoder.of_tensor(self._parts.image(obs))
+        return joined([latents, self._parts.numbers(obs)]) if self._parts.size else latents

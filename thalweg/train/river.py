@@ -9,41 +9,36 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from thalweg.algos.policy.actions import Actions
 from thalweg.algos.registry import algorithm_named
 from thalweg.core import versions
-from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, check_render_version, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
-from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
-from thalweg.env.spaces import CHANNELS
-from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, read_config
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
+from thalweg.train.numbers import NumbersTensorEnv, NumbersVectorEnv
+from thalweg.train.observations import (
+    FELT,
+    IMAGES,
+    PRIVILEGED,
+    check_parts,
+    check_policy_fits,
+    encoder_hash,
+    observation_of_run,
+    parts_of_codes,
+)
 from thalweg.train.run import configured, has_asymmetric_critics, run, sees_images
 from thalweg.train.run_in_folder import RunResult, load_policy
 from thalweg.world import Level, Reach, World, level_named, load_or_build
 from thalweg.world.generate.memory import free_bytes
 from thalweg.world.store.world_cache import cache_path
-
-BRANCHES = (3, 3, 3, 3)
-"""Number of options of each branch of an action: vertical, yaw, longitudinal, lateral."""
-FRAMES, PRIVILEGED, IMAGES = "frames", "privileged", tuple(CHANNELS)
-"""What a policy of the river task sees: frames through an encoder, the privileged observation, which draws nothing
-(`thalweg.env.task.ideal_eye`), or, with convolutions of its own, images: `rgb+mask`, `rgb` or `mask`."""
-IN_WORDS = {FRAMES: "frames through an encoder", PRIVILEGED: "the privileged observation"} | {
-    channels: f"images ({channels})" for channels in IMAGES
-}
-SEEN_BY_CRITICS = {True: "the privileged state and progress too", False: "what the policy sees"}
-"""What critics see in training, by whether they are asymmetric."""
 
 
 def load_compatible_encoder(path: Path | None = None, device: str = "cpu") -> Encoder:
@@ -57,127 +52,6 @@ def load_compatible_encoder(path: Path | None = None, device: str = "cpu") -> En
     if encoder.device.type == "cpu":
         compilation.begin()
     return encoder
-
-
-def encoder_hash(encoder: Encoder) -> str:
-    """Return the hash of the encoder's file, which identifies it."""
-    return file_hash(Path(encoder.about["path"]))
-
-
-def observation_of(policy: Any) -> str:
-    """Return what a policy was trained on: `FRAMES`, `PRIVILEGED` or one of `IMAGES`.
-
-    A policy that does not say it sees frames: files of earlier versions knew nothing else. Raises `TrainingError` for
-    any other observation, and for a policy with convolutions that does not say which images it sees.
-    """
-    found = _context_of(policy).get("observation", FRAMES)
-    if found not in (FRAMES, PRIVILEGED, *IMAGES):
-        raise TrainingError(
-            f"the policy was trained on the observation {found!r}; on rivers policies see {FRAMES}, {PRIVILEGED},"
-            f" {', '.join(IMAGES)}"
-        )
-    if _image_of(policy) is not None and found not in IMAGES:
-        raise TrainingError(
-            f"the policy takes images, but does not say which: its context has the observation {found!r} instead of one"
-            f" of {', '.join(IMAGES)}"
-        )
-    return found
-
-
-def check_policy_fits(policy: Any, encoder: Encoder | None, *, offered: str | None = None) -> None:
-    """Raise `TrainingError` unless a policy fits an observation and the actions of the river task.
-
-    The observation is the codes of the encoder. For None it is `offered`, by default images for a policy of images, and
-    the privileged observation for any other. A policy without spaces, such as a baseline, always fits.
-    """
-    context, seen = _context_of(policy), observation_of(policy)
-    if encoder is not None:
-        offered = FRAMES
-    elif offered is None:
-        offered = seen if seen in IMAGES else PRIVILEGED
-    if seen != offered and ("observation" in context or "encoder" in context):
-        raise TrainingError(
-            f"the policy was trained on {IN_WORDS[seen]}, but here it would see {IN_WORDS[offered]};"
-            f" choose {IN_WORDS[seen]}, or another policy"
-        )
-    _check_versions(seen, context)
-    _check_inputs(policy, offered, encoder)
-    actions: Actions | None = getattr(policy, "actions", None)
-    if actions is not None and (actions.sizes, actions.start, actions.shape) != (BRANCHES, (0, 0, 0, 0), (4,)):
-        found = f"{actions.sizes} from {actions.start}" if actions.sizes else f"a Box of shape {actions.shape}"
-        raise TrainingError(f"the river task takes four branches of 3 options, counted from 0, not {found}")
-    trained_with = context.get("encoder")
-    if encoder is not None and trained_with is not None and trained_with != (current := encoder_hash(encoder)):
-        raise TrainingError(
-            f"the policy was trained on the codes of encoder {trained_with}, but this is encoder {current};"
-            " use the encoder that it was trained with"
-        )
-
-
-def _check_versions(seen: str, context: dict[str, Any]) -> None:
-    """Raise `TrainingError` if what a policy sees was of another version in its training."""
-    made_with = context.get("privileged_version", 1)
-    if seen == PRIVILEGED and made_with != versions.PRIVILEGED:
-        raise TrainingError(
-            f"the policy was trained on version {made_with} of the privileged observation, but this is version"
-            f" {versions.PRIVILEGED}; train it again"
-        )
-    drawn_with = context.get("render_version")
-    if seen in IMAGES and drawn_with != RENDER_VERSION:
-        raise TrainingError(
-            f"the policy was trained on images of renderer version {drawn_with}, but the renderer is version"
-            f" {RENDER_VERSION}; train it again"
-        )
-
-
-def _check_inputs(policy: Any, offered: str, encoder: Encoder | None) -> None:
-    """Raise `TrainingError` unless a policy takes as many numbers, or images of the shape, that it is offered."""
-    if offered in IMAGES:
-        camera = DEFAULT_CONFIG.camera
-        needed = (camera.height_px, camera.width_px, CHANNELS[offered])
-        offers = f"{IN_WORDS[offered]} have the shape"
-    elif encoder is None:
-        needed, offers = len(FEATURES), "privileged observation has"
-    else:
-        needed, offers = encoder.latent, "encoder returns"
-    takes = _image_of(policy) or getattr(policy, "obs_size", needed)
-    if takes != needed:
-        found = f"images of the shape {takes}" if _image_of(policy) else f"{takes} numbers"
-        raise TrainingError(f"the policy takes {found}, but the {offers} {needed}")
-
-
-def _image_of(policy: Any) -> tuple[int, int, int] | None:
-    """Return H, W, C of the images that a policy with convolutions takes; None for any other."""
-    eyes = getattr(getattr(policy, "shape", None), "eyes", None)
-    return None if eyes is None else eyes.image
-
-
-def _context_of(policy: Any) -> dict[str, Any]:
-    """Return the context in which a policy was trained; empty for one that was not."""
-    return getattr(getattr(policy, "about", None), "context", {})
-
-
-def observation_of_run(images: bool, encoder: Encoder | None, chosen: str | None, begun: Any = None) -> str:
-    """Return what the policy of a run sees: `FRAMES`, `PRIVILEGED` or one of `IMAGES`.
-
-    `images` is whether it has convolutions, `chosen` the observation that was asked for, if any, `begun` the policy
-    that the run begins with. Raises `TrainingError` for what does not go together.
-    """
-    if not images:
-        expected = PRIVILEGED if encoder is None else FRAMES
-        if chosen in IMAGES:
-            raise TrainingError(f"the observation {chosen} is for policies with convolutions: set policy=cnn")
-        if chosen is not None and chosen != expected:
-            raise TrainingError(f"the observation {chosen} was asked for, but there is {IN_WORDS[expected]}")
-        return expected
-    if encoder is not None:
-        raise TrainingError("policy=cnn sees images itself: leave the encoder out, or use policy=mlp")
-    if chosen is None:
-        found = FRAMES if begun is None else observation_of(begun)
-        chosen = found if found in IMAGES else IMAGES[0]
-    if chosen not in IMAGES:
-        raise TrainingError(f"policy=cnn sees images, {' or '.join(IMAGES)}, not {IN_WORDS.get(chosen, chosen)}")
-    return chosen
 
 
 def announce_build(level: Level | Reach, seed: int) -> None:
@@ -301,6 +175,7 @@ class RiverTraining:
         seed: int,
         folder: Path,
         observation: str | None = None,
+        proprioception: bool = False,
         settings: dict | None = None,
         preset: str = "default",
         threads: int | None = None,
@@ -311,10 +186,11 @@ class RiverTraining:
         """Train with a progress bar, or resume the run in the folder.
 
         The policy sees the codes of the encoder, or for None the privileged observation, or with the setting policy=cnn
-        images: `observation` says which of `IMAGES`, by default those of the policy to begin with, or `rgb+mask`. On
-        the CPU the environments are those of Gymnasium, on a GPU those of tensors; the encoder must be on the device.
-        `threads` is for acting and learning; by default as many as the algorithm benefits from, within OMP_NUM_THREADS.
-        For `begin_with` and `graphs`, see `thalweg.train.run`.
+        images: `observation` says which of `IMAGES`, by default those of the policy to begin with, or `rgb+mask`. With
+        `proprioception`, also if the config observes it, a policy of codes or of the privileged observation takes that
+        beside them. On the CPU the environments are those of Gymnasium, on a GPU those of tensors; the encoder must be
+        on the device. `threads` is for acting and learning; by default as many as the algorithm benefits from, within
+        OMP_NUM_THREADS. For `begin_with` and `graphs`, see `thalweg.train.run`.
 
         Raises the errors of `thalweg.train.run`; those of settings, and of a folder that does not hold a run on this
         river, before a world is built.
@@ -323,15 +199,18 @@ class RiverTraining:
         resolved = configured(entry, settings, preset, self.num_envs, begin_with)
         begun = None if begin_with is None else load_policy(begin_with)
         seen = observation_of_run(sees_images(resolved), encoder, observation, begun)
-        context = self._context(seen, encoder)
+        felt = proprioception or "proprioception" in self.config.parts
+        check_parts(seen, felt, self.config.observation)
+        context = self._context(seen, encoder, felt)
         existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
         if begun is not None:
-            check_policy_fits(begun, encoder, offered=seen)
+            check_policy_fits(begun, encoder, offered=seen, proprioception=felt)
         device = resolve_device(device)
         if seen in IMAGES and device != "cpu":
             raise TrainingError(f"policy=cnn learns on the CPU only, not on {device}: leave the device out")
-        env = self._envs(encoder, device, seen=seen, critic_info=has_asymmetric_critics(resolved))
+        told = has_asymmetric_critics(resolved)
+        env = self._envs(encoder, device, seen=seen, critic_info=told, proprioception=felt)
         if seen in IMAGES:
             compilation.begin()
         learning_threads = default_torch_threads() if seen in IMAGES else min(entry.threads, default_torch_threads())
@@ -354,27 +233,46 @@ class RiverTraining:
         finally:
             env.close()
 
-    def _context(self, seen: str, encoder: Encoder | None) -> dict[str, Any]:
-        """Return what the policy file and config.yaml say about rivers, observation and rules."""
+    def _context(self, seen: str, encoder: Encoder | None, felt: bool = False) -> dict[str, Any]:
+        """Return what the policy file and config.yaml say about rivers, observation and rules; `felt`: whether the
+        policy takes proprioception."""
         if encoder is not None:
-            codes = {"encoder": encoder_hash(encoder), "render_version": RENDER_VERSION}
-            return {**self.about(), **codes, "env": self.config.as_data()}
-        version = {"privileged_version": versions.PRIVILEGED}
-        if seen in IMAGES:
-            version = {"render_version": RENDER_VERSION}
-        return {**self.about(), "observation": seen, **version, "env": self._config_of(seen).as_data()}
+            about: dict[str, Any] = {"encoder": encoder_hash(encoder), "render_version": RENDER_VERSION}
+        elif seen in IMAGES:
+            about = {"observation": seen, "render_version": RENDER_VERSION}
+        else:
+            about = {"observation": seen, "privileged_version": versions.PRIVILEGED}
+        if felt:
+            about[FELT] = versions.PROPRIOCEPTION
+        config = self.config if encoder is not None and not felt else self._config_of(seen, encoder, felt)
+        return {**self.about(), **about, "env": config.as_data()}
 
-    def _config_of(self, seen: str) -> EnvConfig:
-        return self.config.with_options(observation=seen)
+    def _config_of(self, seen: str, encoder: Encoder | None, felt: bool) -> EnvConfig:
+        """Return the config with what a policy sees and takes as its observation; nothing else is drawn."""
+        if felt:
+            parts = (seen,) if encoder is None else parts_of_codes(encoder)
+            return self.config.with_options(observation=(*parts, "proprioception"))
+        return (
+            self.config.with_options(observation=seen) if encoder is None else self.config.seen_through(encoder.inputs)
+        )
 
-    def _envs(self, encoder: Encoder | None, device: str, *, seen: str = PRIVILEGED, critic_info: bool = False) -> Any:
+    def _envs(
+        self,
+        encoder: Encoder | None,
+        device: str,
+        *,
+        seen: str = PRIVILEGED,
+        critic_info: bool = False,
+        proprioception: bool = False,
+    ) -> Any:
         """Return the environments on a device, with codes of the encoder, or without one with what is `seen`; nothing
         else is drawn. `critic_info` replaces that of the config: it is for training, and no part of the task."""
-        config = self._config_of(seen) if encoder is None else self.config.seen_through(encoder.inputs)
-        config = config.with_options(critic_info=critic_info)
+        config = self._config_of(seen, encoder, proprioception).with_options(critic_info=critic_info)
         if device == "cpu":
             env = self._vector_env(config)
-            return env if encoder is None else LatentVectorEnv(env, encoder)
+            if encoder is not None:
+                return LatentVectorEnv(env, encoder)
+            return NumbersVectorEnv(env) if proprioception else env
         if self.changes_river:
             raise TrainingError(
                 f"on a GPU, rivers do not change: {len(self.listed)} rivers for {self.num_envs} environments; give as"
@@ -383,7 +281,9 @@ class RiverTraining:
         from thalweg.env.torch_env import TensorRiverEnv
 
         tensors = TensorRiverEnv(self.worlds(drawn=config.channels > 0), self.num_envs, config, device=device)
-        return tensors if encoder is None else LatentTensorEnv(tensors, encoder)
+        if encoder is not None:
+            return LatentTensorEnv(tensors, encoder)
+        return NumbersTensorEnv(tensors) if proprioception else tensors
 
     def _vector_env(self, config: EnvConfig) -> RiverVectorEnv:
         """Return the environments on the CPU; says how many rivers are in memory if they change."""

@@ -160,3 +160,12 @@ def test_views_of_an_inference_mode_can_be_followed_by_others(card: Card, render
         renderer.draw_tensors(views_at([1.0]), out)
     renderer.draw_tensors(views_at([2.0]), out)
     assert card.done[-1] == ("record", [2.0])
+
+
+def test_a_series_of_launches_has_its_own_layers(card: Card, renderer: GpuRenderer):
+    out = torch.zeros(1, 8, 8, 4, dtype=torch.uint8)
+    layers = [(torch.zeros(1, 8, 8), torch.zeros(1, 8, 8, dtype=torch.uint8)) for _ in range(2)]
+    for which in (0, 0, 1, 0):
+        renderer.draw_tensors(views_at([7.0]), out, layers[which])
+    renderer.draw_tensors(views_at([7.0]), out)
+    assert [what for what, _ in card.done] == ["launch", "record", "launch", "replay", "launch"]

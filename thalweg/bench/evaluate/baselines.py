@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from thalweg.algos.policy.policy import Player
-from thalweg.train.river import IMAGES, PRIVILEGED, observation_of
+from thalweg.train.observations import IMAGES, PRIVILEGED, observation_of
 
 Sight = Literal["nothing", "scripted", "steady", "privileged", "frames", "images"]
 """Observation of a policy: nothing, the scripted or the steady pilot's actions, the privileged observation

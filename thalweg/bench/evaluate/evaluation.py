@@ -24,7 +24,7 @@ from thalweg.env.pilot.in_rivers import PILOTS
 from thalweg.env.spaces import CHANNELS
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
-from thalweg.train.river import observation_of
+from thalweg.train.observations import feels, observation_of
 from thalweg.world import World
 
 
@@ -171,7 +171,8 @@ def evaluate(
     """Return one row per start of the course, in the order of the list.
 
     `observe` gives the observations of policies that see frames or images, see `observation_function`, and replaces the
-    privileged observation of policies that see that; baselines ignore it. `on_step` is called before every step. A
+    privileged observation of policies that see that; baselines ignore it. Proprioception follows for policies that
+    were trained with it. `on_step` is called before every step. A
     `shield` replaces moves that it vetoes; it reads the masks of the frames that `observe` draws. Raises `ValueError`
     for a policy that sees frames or images if `observe` is None, the errors of `sight_of`, and those of
     `thalweg.bench.evaluate.shielded.check_shield`.
@@ -182,7 +183,8 @@ def evaluate(
     if sees in DRAWN and observe is None:
         such = "encoded_frames(world, load_encoder())" if sees == "frames" else "image_frames(world, 'rgb+mask')"
         raise ValueError(f"this policy sees {sees}: give `observe`, such as {such}")
-    env = _make_env(course, config, sees)
+    felt = feels(policy)
+    env = _make_env(course, config, sees, felt)
     if shield is not None:
         shield.begin(env, course.looks)
     players = [_player(policy, episode_generator(label, int(index)), config) for index in course.indices]
@@ -199,6 +201,8 @@ def evaluate(
             obs = _observations(env, sees)[flying]
             if shield is not None and observe is not None:
                 observe(step)
+        if felt:
+            obs = np.concatenate([obs, env.observe()["proprioception"][flying]], axis=1)
         for row, index in enumerate(flying):
             actions[index] = players[index](obs[row : row + 1], totals.length[index : index + 1] == 0)[0]
         if shield is not None:
@@ -220,13 +224,16 @@ def _player(policy: Policy | RecurrentPolicy, generator: torch.Generator, config
 def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
     """Return what a policy for which nothing is drawn sees in each slot [N, D]."""
     if sees == "privileged":
-        return env.observe()
+        return env.ideal_eye()
     return env.pilot_actions(sees) if sees in PILOTS else np.zeros((env.num_envs, 0), np.float32)
 
 
-def _make_env(course: Course, config: EvaluationConfig, sees: Sight) -> RiverVectorEnv:
-    """Return an environment with one slot per start. A slot whose episode has ended resets itself and is ignored."""
-    rules = config.env.with_options(observation="privileged") if sees == "privileged" else config.env
+def _make_env(course: Course, config: EvaluationConfig, sees: Sight, felt: bool) -> RiverVectorEnv:
+    """Return an environment with one slot per start, which also observes proprioception if it is `felt`. A slot whose
+    episode has ended resets itself and is ignored."""
+    rules = config.env
+    if felt or sees == "privileged":
+        rules = rules.with_options(observation=("proprioception",) if felt else "privileged")
     env = RiverVectorEnv(course.rivers or [course.world], len(course.starts), config=rules)
     env.reset(seed=config.starts_seed, options={"pose": course.starts})
     state = env.get_state()

@@ -21,7 +21,7 @@ from thalweg.env.shield.moves import PERMITTED
 from thalweg.env.shield.shield import DEFAULT_SHIELD, Shield
 from thalweg.env.shield.sight import Optics
 from thalweg.env.task.altimeter import heights_above_water
-from thalweg.train.river import IN_WORDS, observation_of
+from thalweg.train.observations import IN_WORDS, observation_of
 
 
 class Screening(NamedTuple):

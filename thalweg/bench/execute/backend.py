@@ -21,7 +21,8 @@ from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
 from thalweg.train import load_policy
-from thalweg.train.river import RiverTraining, check_policy_fits, load_compatible_encoder, observation_of
+from thalweg.train.observations import check_policy_fits, observation_of
+from thalweg.train.river import RiverTraining, load_compatible_encoder
 
 PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
 """The policy that comes with the package."""

@@ -29,7 +29,7 @@ from thalweg.core.machine import machine_info, package_versions
 from thalweg.core.run_folder import FolderKind
 from thalweg.core.suggestion import did_you_mean
 from thalweg.env import EnvConfig
-from thalweg.train.river import FRAMES
+from thalweg.train.observations import FRAMES
 
 RESULTS_FOLDER = FolderKind("suite", "suite.json", ResultsError)
 

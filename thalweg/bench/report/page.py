@@ -17,7 +17,7 @@ from thalweg.bench.report.sections import SECTIONS, FigureSection, FilmSection, 
 from thalweg.bench.report.table import Table, is_published, numeric_columns
 from thalweg.bench.results.results import Results
 from thalweg.bench.suite.record import arms_of
-from thalweg.train.river import FRAMES, PRIVILEGED
+from thalweg.train.observations import FRAMES, PRIVILEGED
 
 HERE = Path(__file__).parent
 PAPER_STEPS = 200_000

@@ -8,7 +8,7 @@ from thalweg.algos.registry import ALGORITHMS, Entry
 from thalweg.bench.report.table import Cell, Table, frame, table_from_cells
 from thalweg.bench.results.results import RUN_COLUMNS, Results
 from thalweg.bench.suite.record import arms_of
-from thalweg.train.river import FRAMES, SEEN_BY_CRITICS
+from thalweg.train.observations import FRAMES, SEEN_BY_CRITICS
 
 DOMAINS = {OnPolicyConfig: "on-policy", OffPolicyConfig: "off-policy", PlanningConfig: "model-based"}
 """The paper's domains, by the base class of their algorithms' configs."""

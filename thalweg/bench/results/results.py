@@ -27,7 +27,7 @@ from thalweg.bench.suite.config import PACKAGED
 from thalweg.bench.suite.record import arms_of, observation_of, stages_of
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.versions import ALGORITHMS
-from thalweg.train.river import PRIVILEGED
+from thalweg.train.observations import PRIVILEGED
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
 MAIN_FILM, FILMS = "film", "films"
@@ -159,7 +159,7 @@ class Results:
 
     @property
     def observations(self) -> dict[str, str]:
-        """What the policies of each arm see, by the arm's name, see `thalweg.train.river.IN_WORDS`."""
+        """What the policies of each arm see, by the arm's name, see `thalweg.train.observations.IN_WORDS`."""
         return {arm["name"]: observation_of(self.suite, arm) for arm in arms_of(self.suite)}
 
     @property

@@ -14,7 +14,7 @@ from thalweg.algos.registry import algorithm_named
 from thalweg.bench.csv_files import ResultsError
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
-from thalweg.train.river import FRAMES, PRIVILEGED
+from thalweg.train.observations import FRAMES, PRIVILEGED
 from thalweg.train.run import has_asymmetric_critics
 
 FILE = "versions.json"

@@ -118,7 +118,8 @@ def stages_of(arm: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any], str]
 
 
 def observation_of(record: Mapping[str, Any], arm: Mapping[str, Any]) -> str:
-    """Return what an arm of a suite's record sees, see `thalweg.train.river.IN_WORDS`; frames if it does not say it."""
+    """Return what an arm of a suite's record sees, see `thalweg.train.observations.IN_WORDS`; frames if it does not
+    say it."""
     return arm.get("observation") or record.get("observation", "frames")
 
 

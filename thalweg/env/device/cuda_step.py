@@ -1,4 +1,5 @@
-"""CUDA kernels of `thalweg.env.device` and of the ideal eye: one thread per environment, in float64."""
+"""CUDA kernels of `thalweg.env.device`, of the ideal eye and of proprioception: one thread per environment, in
+float64."""
 
 from numba import cuda, float64
 
@@ -7,6 +8,7 @@ from thalweg.env.device.step import advance_one
 from thalweg.env.forces.weather import wind_now
 from thalweg.env.initial_poses import DRAWS
 from thalweg.env.task.ideal_eye import see_one
+from thalweg.env.task.proprioception import feel_one
 
 THREADS = 64
 """Threads of a block: few, so that a few thousand environments are spread over the whole GPU."""
@@ -42,3 +44,10 @@ def see(courses, max_height, world, pose, segment, travel, out):
     row = cuda.grid(1)
     if row < len(out):
         see_one(courses, max_height, world[row], pose[row], segment[row], travel[row], out[row])
+
+
+def feel(courses, step_s, world, pose, segment, last_pose, last_action, out):
+    """As `proprioception.feel_all`."""
+    row = cuda.grid(1)
+    if row < len(out):
+        feel_one(courses, step_s, world[row], pose[row], segment[row], last_pose[row], last_action[row], out[row])

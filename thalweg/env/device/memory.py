@@ -15,12 +15,19 @@ OVERHEAD_BYTES = 640
 """Bytes of an environment's actions, seed and look, of the results of a step, of what the ideal eye sees, and of what
 the renderer holds of a view."""
 
+FELT_BYTES = 2 * 4 * 8 + 2 * 9 * 4
+"""Bytes of what is remembered of an environment's last step, and of its proprioception."""
+LAYER_BYTES = 4 + 1
+"""Bytes of a pixel's depth and class."""
+
 
 def bytes_per_env(courses: CourseArrays, config: EnvConfig, frames: int) -> int:
     """Return the bytes of one environment with a number of frames."""
     arrays = (*empty_state(np.zeros(1, np.int64), courses), *empty_outcome(1), *empty_forces(1))
-    frame = config.channels * config.camera.height_px * config.camera.width_px
-    return sum(array.nbytes for array in arrays) + OVERHEAD_BYTES + frames * frame
+    felt = FELT_BYTES if "proprioception" in config.parts else 0
+    pixel = config.channels + (LAYER_BYTES if config.draws_layers else 0)
+    frame = pixel * config.camera.height_px * config.camera.width_px
+    return sum(array.nbytes for array in arrays) + OVERHEAD_BYTES + felt + frames * frame
 
 
 def free_bytes(device: Any) -> int | None:

@@ -10,6 +10,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from thalweg.env.observation import parts_of
 from thalweg.env.task.ideal_eye import FEATURES
 
 PROGRESS = ("visited", "idle", "steps")
@@ -21,16 +22,16 @@ PROGRESS = ("visited", "idle", "steps")
 """
 
 
-def critic_features(observation: str) -> tuple[str, ...]:
+def critic_features(observation: str | tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the C numbers of `info["critic_obs"]`, in order; `observation` as in `EnvConfig.observation`.
 
     They are `PROGRESS`, then those of the ideal eye (`thalweg.env.task.ideal_eye.FEATURES`, in metres and radians),
     unless the observation has these already.
     """
-    return PROGRESS if observation == "privileged" else (*PROGRESS, *FEATURES)
+    return PROGRESS if "privileged" in parts_of(observation) else (*PROGRESS, *FEATURES)
 
 
-def critic_space(observation: str) -> gymnasium.spaces.Box:
+def critic_space(observation: str | tuple[str, ...]) -> gymnasium.spaces.Box:
     """Return the space of the C numbers of one environment."""
     return gymnasium.spaces.Box(-np.inf, np.inf, (len(critic_features(observation)),), np.float32)
 

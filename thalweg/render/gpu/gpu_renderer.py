@@ -84,16 +84,15 @@ class GpuRenderer:
         """Tensors [M, ...] that hold the views of `draw_tensors`; M as many as were ever drawn at once."""
         self._graphs = LaunchGraphs(device)
 
-    def draw(
-        self, views: Views, images: Any = None, layers: tuple[Any, Any, Any] | None = None, masks: Any = None
-    ) -> None:
+    def draw(self, views: Views, images: Any = None, layers: Sequence[Any] | None = None, masks: Any = None) -> None:
         """Draw one frame per view into arrays on the device; what is not asked for is not computed.
 
         Args:
             views: N of them, on the device.
             images: [N, H, W] uint32, red, green, blue from the lowest byte up and the water mask on top; if None,
                 nothing is shaded.
-            layers: [N, H, W] each: float32 depths, uint8 classes, and uint8 masks of 0 or 255; None for none.
+            layers: [N, H, W] each: float32 depths, uint8 classes, and uint8 masks of 0 or 255, or None in place of
+                masks that are not wanted; None for none.
             masks: [N, H, W] uint8, for masks without images and layers.
         """
         count = len(views.poses)
@@ -108,13 +107,13 @@ class GpuRenderer:
             self._draw_pass(
                 Views(*(values[part] for values in views)),
                 None if images is None else images[part],
-                None if layers is None else tuple(layer[part] for layer in layers),
+                None if layers is None else tuple(None if layer is None else layer[part] for layer in layers),
                 None if masks is None else masks[part],
             )
 
-    def draw_tensors(self, views: Sequence[Any], out: Any) -> None:
-        """Draw frames from torch's tensors into one [N, H, W, 4] uint8, or masks into one [N, H, W, 1], all on this
-        device.
+    def draw_tensors(self, views: Sequence[Any], out: Any, layers: tuple[Any, Any] | None = None) -> None:
+        """Draw frames from torch's tensors into one [N, H, W, 4] uint8, or masks into one [N, H, W, 1], and depths
+        and classes into `layers`, [N, H, W] float32 and uint8, all on this device.
 
         Launches into the same memory are recorded and replayed, so that they cost the host little. Whoever records a
         CUDA graph of their own draws as many frames before, so that there is scratch, and never more afterwards.
@@ -122,12 +121,12 @@ class GpuRenderer:
         if not len(out):
             return
         if self._graphs.caller_records:
-            self._draw_into(views, out)
+            self._draw_into(views, out, layers)
             return
         self._hold(views, len(out))
         self._graphs.run(
-            (out.data_ptr(), tuple(out.shape)),
-            lambda: self._draw_into([held[: len(out)] for held in self._inputs], out),
+            (out.data_ptr(), tuple(out.shape), *(layer.data_ptr() for layer in layers or ())),
+            lambda: self._draw_into([held[: len(out)] for held in self._inputs], out, layers),
         )
 
     def _hold(self, views: Sequence[Any], count: int) -> None:
@@ -142,13 +141,17 @@ class GpuRenderer:
         for held, tensor in zip(self._inputs, views, strict=True):
             held[:count].copy_(tensor)
 
-    def _draw_into(self, views: Sequence[Any], out: Any) -> None:
+    def _draw_into(self, views: Sequence[Any], out: Any, layers: tuple[Any, Any] | None) -> None:
         """As `draw_tensors`, by launches."""
-        arrays = Views(*map(gpu.as_kernel_array, views))
+        arrays, shape, pair = Views(*map(gpu.as_kernel_array, views)), out.shape[:3], None
+        if layers is not None:
+            pair = gpu.as_kernel_array(layers[0]), gpu.as_kernel_array(layers[1], np.uint8)
         if out.shape[-1] == 1:
-            self.draw(arrays, masks=gpu.as_kernel_array(out, np.uint8).reshape(out.shape[:3]))
+            masks = gpu.as_kernel_array(out, np.uint8).reshape(shape)
+            self.draw(arrays, layers=None if pair is None else (*pair, masks), masks=masks if pair is None else None)
         else:
-            self.draw(arrays, gpu.as_kernel_array(out, np.uint32).reshape(out.shape[:3]))
+            image = gpu.as_kernel_array(out, np.uint32).reshape(shape)
+            self.draw(arrays, image, None if pair is None else (*pair, None))
 
     def draw_for_host(self, views: Views, output: Output) -> None:
         """Draw frames into the arrays of an `Output` on the host."""
@@ -243,6 +246,12 @@ class GpuRenderer:
                 colours, buffers.kind, buffers.transmittance, views.looks, keys, gains, self._codes, images,
             )  # fmt: skip
         if layers is not None:
-            gpu.launch(postprocess.write_layers, pixels, postprocess.THREADS, device, buffers, *layers)
+            depths, classes, wanted = layers
+            # Each thread reads the kind of its pixel before it writes: masks that nobody wants may take its place.
+            unwanted = buffers.kind[:count]
+            gpu.launch(
+                postprocess.write_layers, pixels, postprocess.THREADS, device,
+                buffers, depths, classes, unwanted if wanted is None else wanted,
+            )  # fmt: skip
         elif masks is not None:
             gpu.launch(postprocess.write_mask, pixels, postprocess.THREADS, device, buffers, masks)

@@ -102,7 +102,7 @@ class Flights:
         config = self.student.config
         images = redraw(self.env, sequences, self.rng)
         mirror(images, sequences, config.mirrored, self.rng)
-        corrupt(images, self.env.config.observation, config.corrupted_masks, self.rng)
+        corrupt(images, str(self.env.config.observation), config.corrupted_masks, self.rng)
         rows = [rows_of(*step) for step in zip(images, sequences.last.astype(np.int64), strict=True)]
         return lesson_of(sequences, np.stack(rows))
 
@@ -173,7 +173,6 @@ def redraw(env: RiverVectorEnv, sequences: Sequences, rng: np.random.Generator) 
         suns[index.ravel()],
         sequences.segment.ravel(),
         sequences.travel.ravel(),
-        np.zeros((length * count, 2)),
     )
     images = env.draw(sequences.river.ravel(), views)
     return images.reshape(length, count, *images.shape[1:])

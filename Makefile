@@ -17,7 +17,7 @@ help:
 	@echo "make test-slow   run the others, with Ray and the compiler for GPUs; make test-all runs both"
 	@echo "make lint    format check, lint and types, as in CI"
 	@echo "make bench   the paper's comparison: hours of training; OUT=folder, default results"
-	@echo "make setup   only make .venv and install what requirements.lock pins"
+	@echo "make setup   only make .venv and install what requirements.lock pins: a few minutes"
 	@echo "make clean   remove .venv and what tools leave behind (results stay)"
 
 setup: $(READY)
@@ -30,10 +30,12 @@ $(READY): requirements.lock pyproject.toml
 	    rm -rf $(VENV) && mkdir $(VENV) && touch $(UNFINISHED) && $(PYTHON) -m venv $(VENV); \
 	fi
 	@touch $(UNFINISHED)
+	@echo "Setting up $(VENV): downloading and installing what requirements.lock pins takes a few minutes, PyTorch most of them."
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -r requirements.lock
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --no-build-isolation -e .
 	@rm -f $(UNFINISHED)
 	@touch $@
+	@echo "$(VENV) is ready."
 
 # The compiler for GPUs and Ray, which slow tests need: they compile kernels for a card without having one, and run a
 # cluster on this machine.

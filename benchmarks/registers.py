@@ -95,6 +95,20 @@ def eye_types() -> tuple[Any, ...]:
     return courses, types.float64, world, pose, segment, travel, PLANE
 
 
+def task_eye_types() -> tuple[Any, ...]:
+    """Return the argument types of the kernel of the ideal eye in a task."""
+    _, courses, limits, _, state, *_ = rule_types()
+    fields = dict(zip(State._fields, state.types, strict=True))
+    return courses, limits, *(fields[name] for name in (*SEEN, "steps", "scene", "station")), PLANE
+
+
+def props_types() -> tuple[Any, ...]:
+    """Return the argument types of the kernel of a task's objects."""
+    _, courses, limits, _, state, *_ = rule_types()
+    fields = dict(zip(State._fields, state.types, strict=True))
+    return courses, limits, *(fields[name] for name in ("world", "pose", "steps", "scene", "station")), SPACE
+
+
 def variants() -> dict[str, Variant]:
     """Return every kernel of a frame, in every form that `GpuRenderer` launches, and those of rules and ideal eye."""
     trace = (SCENE, VIEWS, PLANE, LINE, SPACE, types.Tuple(FOUND), BUFFERS)
@@ -120,6 +134,8 @@ def variants() -> dict[str, Variant]:
     )
     kernels["advance"] = Variant(rules.advance, rule_types(), rules.THREADS, fastmath=False)
     kernels["advance_pushed"] = Variant(rules.advance_pushed, pushed_types(), rules.THREADS, fastmath=False)
+    kernels["see_in_task"] = Variant(rules.see_in_task, task_eye_types(), rules.THREADS, fastmath=False)
+    kernels["props"] = Variant(rules.props, props_types(), rules.THREADS, fastmath=False)
     kernels["see"] = Variant(rules.see, eye_types(), rules.THREADS, fastmath=False)
     kernels["write_layers"] = Variant(postprocess.write_layers, (BUFFERS, SPACE, KINDS, KINDS), postprocess.THREADS)
     kernels["write_mask"] = Variant(postprocess.write_mask, (BUFFERS, KINDS), postprocess.THREADS)

@@ -15,7 +15,7 @@ from thalweg.env.pilot.flight_poses import FLIGHT_STEPS, pilot_poses
 from thalweg.render import Camera, Renderer
 from thalweg.render.records.quality import QUALITIES
 from thalweg.world import LEVELS, World, load_or_build
-from thalweg.world.map_image import draw
+from thalweg.world.map_image import draw, size_in_scale
 
 IMAGES = Path(__file__).resolve().parent / "images"
 CAM = Path(__file__).resolve().parents[1] / "thalweg" / "world" / "real" / "rivers" / "cam.geojson"
@@ -96,28 +96,28 @@ def qualities(size: int = 128, zoom: int = 2) -> Image.Image:
     return tile_grid([view[..., :3].repeat(zoom, 0).repeat(zoom, 1) for view in views], columns=4)
 
 
-def levels(width: int = 1392) -> Image.Image:
-    """Return the orthographic views of the three levels side by side, all of one height."""
+def levels(width: int = 1392, finer: int = 2) -> Image.Image:
+    """Return the orthographic views of the three levels side by side, all in one scale; drawn `finer` and reduced."""
+    worlds = [load_or_build(level) for level in LEVELS]
+    wide_m = [world.ground_m.shape[1] * world.grid.cell_m for world in worlds]
+    px_per_m = finer * (width - (len(worlds) - 1) * GAP) / sum(wide_m)
     maps = []
     with tempfile.TemporaryDirectory() as folder:
-        for level in LEVELS:
-            path = Path(folder) / f"{level}.png"
-            draw(load_or_build(level), path, size_px=1000)
+        for world in worlds:
+            path = Path(folder) / f"{world.name}.png"
+            draw(world, path, size_px=size_in_scale(world, px_per_m))
             with Image.open(path) as map_:
-                maps.append(map_.convert("RGB"))
+                maps.append(map_.convert("RGB").reduce(finer))
     return row(maps, width)
 
 
 def row(pictures: list[Image.Image], width: int) -> Image.Image:
-    """Return pictures side by side, scaled to one height so that they fill the width with gaps between them."""
-    total = width - (len(pictures) - 1) * GAP
-    height = round(total / sum(picture.width / picture.height for picture in pictures))
-    ends = np.cumsum([0.0, *(picture.width / picture.height for picture in pictures)])
-    edges = np.rint(ends / ends[-1] * total).astype(int)
-    board = Image.new("RGB", (width, height), "white")
-    for index, picture in enumerate(pictures):
-        size = (int(edges[index + 1] - edges[index]), height)
-        board.paste(picture.resize(size, Image.Resampling.LANCZOS), (int(edges[index]) + index * GAP, 0))
+    """Return pictures side by side on their lower edges, with gaps between them, as wide as asked for."""
+    board = Image.new("RGB", (width, max(picture.height for picture in pictures)), "white")
+    left = 0
+    for picture in pictures:
+        board.paste(picture, (left, board.height - picture.height))
+        left += picture.width + GAP
     return board
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label, encoded_frames, evaluate
 from thalweg.bench.results.statistics import summarise
-from thalweg.train import load_policy
+from thalweg.train import TrainingError, load_policy
 from thalweg.train.observations import check_policy_fits
 from thalweg.train.river import RiverTraining, load_compatible_encoder
 
@@ -19,7 +19,10 @@ options = parser.parse_args()
 
 encoder = load_compatible_encoder(options.encoder)
 ground = RiverTraining("Medium", num_envs=16)
-result = ground.train("FOCOPS", encoder, steps=options.steps, seed=0, folder=options.out)
+try:
+    result = ground.train("FOCOPS", encoder, steps=options.steps, seed=0, folder=options.out)
+except TrainingError as error:  # such as a folder with a run of another number of steps
+    raise SystemExit(f"{error} --out names one.") from error
 print(f"{result.episodes} episodes in {result.seconds:.0f} s")
 
 policy = load_policy(options.out)

@@ -49,6 +49,10 @@ def test_training_and_evaluating_by_example(tmp_path: Path):
     assert re.search(r"Easy: return \d+\.\d\d ± \d+\.\d\d, cost \d\.\d\d", output)
     context = load_policy(tmp_path / "runs" / "example").about.context
     assert (context["level"], context["encoder"]) == ("Medium", encoder_hash(load_encoder()))
+    again = [sys.executable, str(ROOT / "examples" / "train_and_evaluate.py"), "--steps", "4096"]
+    refused = subprocess.run(again, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (refused.returncode, "Traceback" in refused.stderr) == (1, False)
+    assert "steps is 2048 there and 4096 here. Choose another folder. --out names one.\n" in refused.stderr
 
 
 def test_the_python_of_the_readme_runs(tmp_path: Path):

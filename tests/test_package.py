@@ -1,8 +1,12 @@
 """Tests that the wheel includes all data files of the package, and that module docstrings are statements."""
 
 import ast
+import shutil
+import subprocess
 import tomllib
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -15,6 +19,13 @@ def test_every_file_of_the_package_goes_into_the_wheel():
     others = {path for path in package.rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")}
     assert others - taken == set()
     assert {"page.html", "page.css", "page.js"} <= {path.name for path in taken}
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+def test_the_set_up_says_beforehand_that_it_takes_minutes():
+    recipe = subprocess.run(["make", "-n", "-B", "setup"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    before, _, after = recipe.partition("-m pip install")
+    assert "takes a few minutes" in before and "is ready" in after
 
 
 def test_module_docstrings_are_statements():

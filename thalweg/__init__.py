@@ -3,6 +3,7 @@
 Importing the package registers its Gymnasium ids; subpackages are imported when they are used.
 """
 
+from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register, registry
@@ -10,8 +11,19 @@ from gymnasium.envs.registration import register, registry
 if TYPE_CHECKING:
     from thalweg.env.torch_env import TensorRiverEnv
 
+try:
+    __version__ = version("thalweg")
+except PackageNotFoundError:  # run from its folder without being installed
+    __version__ = "unknown"
+
 LEVEL_IDS = {name: f"thalweg/{name}-v0" for name in ("Easy", "Medium", "Hard")}
-"""Gymnasium id of each level's fixed river."""
+"""Gymnasium id of each level's fixed river, in the paper's task."""
+TASK_IDS = {
+    (task, level): f"thalweg/{task}-{level}-v0"
+    for task in ("Swimmers", "Nests", "RacingLine", "Portage")
+    for level in LEVEL_IDS
+}
+"""Gymnasium id of each other task (`thalweg.env.tasks`) on each level's fixed river."""
 
 
 def make_torch(level: str, num_envs: int = 1, **options: Any) -> "TensorRiverEnv":
@@ -30,13 +42,15 @@ def make_torch(level: str, num_envs: int = 1, **options: Any) -> "TensorRiverEnv
 
 def register_envs() -> None:
     """Register the Gymnasium ids of the levels; a second call changes nothing."""
-    for level, name in LEVEL_IDS.items():
+    kwargs = {name: {"level": level} for level, name in LEVEL_IDS.items()}
+    kwargs |= {name: {"level": level, "task": task} for (task, level), name in TASK_IDS.items()}
+    for name, arguments in kwargs.items():
         if name not in registry:
             register(
                 id=name,
                 entry_point="thalweg.env:make_single",
                 vector_entry_point="thalweg.env:make_vector",
-                kwargs={"level": level},
+                kwargs=arguments,
             )
 
 

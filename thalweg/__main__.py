@@ -2,7 +2,7 @@
 
 import sys
 
-from thalweg.cli.main import main
+from thalweg.cli.entry import main
 
 if __name__ == "__main__":
     sys.exit(main())

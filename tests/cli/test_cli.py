@@ -1,6 +1,7 @@
 """Tests of the command line: help, error messages and exit codes."""
 
 import csv
+import errno
 import os
 import subprocess
 import sys
@@ -116,20 +117,27 @@ def test_the_package_runs_as_a_module():
 WRONG = [
     (["world", "--level", "medum"], "Easy, Medium, Hard"),
     (["render", "--level", "medum"], "Easy, Medium, Hard"),
-    (["render", "--count", "-2"], "--count must be at least 1, not -2"),
-    (["render", "--size", "0"], "--size must be at least 1, not 0"),
+    (["render", "--count", "-2"], "--count must be at least 1, not -2; such as --count 8"),
+    (["render", "--size", "0"], "--size must be from 16 to 2048, not 0; such as --size 128"),
     (["render", "--level", "hrad"], "unknown level 'hrad' (did you mean 'Hard'?)"),
     (["render", "--gallery", "--quality", "fast"], "leave out --frames and --quality"),
     (["render", "--gallery", "--frames", "x"], "leave out --frames and --quality"),
     (["render", "--pose", "0", "0", "3", "0", "--poses", "pilot"], "give --pose or --poses pilot, not both"),
     (["train", "--algorithm", "FOCUPS", "--out", "x"], "PPO, PPOLag, FOCOPS"),
     (["train", "--algorithm", "FOCUPS", "--out", "x"], "(did you mean 'FOCOPS'?)"),
+    (["train", "--algorithm", "FOCPOS", "--out", "x"], "there is no algorithm 'FOCPOS' (did you mean 'FOCOPS'?)"),
+    (["bench", "quick", "--out", "x", "--only", "FOCPOS"], "has no 'FOCPOS' (did you mean 'FOCOPS'?)"),
+    (["bench", "quick", "--out", "x", "--jobs", "0"], "--jobs must be at least 1, not 0; such as --jobs 2"),
+    (["train", "--steps", "0", "--observation", "privileged", "--out", "x"], "--steps must be at least 1, got 0; such"),
     (["train", "--set", "learning_rate", "--out", "x"], "key=value"),
     (["evaluate", "nothing_here"], "packaged, random, hover, forward, pilot, steady"),
     (["evaluate", "pilto"], "(did you mean 'pilot'?)"),
     (["evaluate", "hover", "--levels", "medum"], "Easy, Medium, Hard"),
     (["evaluate", "hover", "--levels", "easy", "hard", "Easy"], "--levels names Easy twice; each level is flown once"),
-    (["evaluate", "hover", "--episodes", "0"], "episodes must be a whole number of at least 1, got 0"),
+    (
+        ["evaluate", "hover", "--episodes", "0"],
+        "--episodes must be a whole number of at least 1, got 0; such as --episodes 20",
+    ),
     (["bench", "papr", "--out", "x"], "quick, easy, open, protocols, paper"),
     (["bench", "quick", "--out", "x", "--cpus", "2"], "--cpus goes with --cluster"),
     (["bench", "quick", "--out", "x", "--cluster", "ray://head:10001"], "Ray's client is not supported"),
@@ -137,7 +145,7 @@ WRONG = [
     (["report", __file__], "is a file; name the folder"),
     (["encoder", "show", "--path", "nothing_here"], "nothing_here"),
     (["encoder", "train", "--architecture", "huge", "--out", "x"], "lean"),
-    (["encoder", "train", "--epochs", "0", "--out", "x"], "epochs must be at least 1"),
+    (["encoder", "train", "--epochs", "0", "--out", "x"], "--epochs must be at least 1, not 0; such as --epochs 100"),
     (["encoder", "train", "--images", "1", "--held-out", "0", "--out", "x"], "at least 2"),
     (["encoder", "train", "--held-out", "-1", "--out", "x"], "-1 can't be held out"),
     (["encoder", "train", "--level", "medum", "--out", "x"], "Easy, Medium, Hard"),
@@ -145,7 +153,7 @@ WRONG = [
     (["train", "--set", "hidden=[64", "--out", "x"], "'hidden=[64' cannot be understood"),
     (
         ["train", "--set", "learning_rate=fast", "--out", "x"],
-        "--set learning_rate=fast: learning_rate must be a number of at least 0, got 'fast'",
+        "learning_rate must be a number of at least 0, got 'fast'; such as --set learning_rate=0.001",
     ),
     (
         ["train", "--set", "learing_rate=1", "passes=2", "--out", "x"],
@@ -153,7 +161,7 @@ WRONG = [
         " known: steps_per_update, passes, minibatch, ",
     ),
     (["train", "--preset", "study", "--out", "x"], "no preset 'study'; there are default, paper"),
-    (["train", "--num-envs", "0", "--out", "x"], "num_envs must be at least 1"),
+    (["train", "--num-envs", "0", "--out", "x"], "--num-envs must be at least 1, not 0; such as --num-envs 16"),
     (
         ["train", "--observation", "privileged", "--encoder", "mine.safetensors", "--out", "x"],
         "--observation privileged takes no encoder: leave --encoder mine.safetensors out",
@@ -172,7 +180,7 @@ WRONG = [
     ),
     (
         ["train", "--observation", "mask", "--out", "x"],
-        "the observation mask is for policies with convolutions: set policy=cnn",
+        "the observation mask is for policies with convolutions: --set policy=cnn",
     ),
     (
         ["train", "--algorithm", "SACLag", "--set", "policy=cnn", "--out", "x"],
@@ -181,14 +189,14 @@ WRONG = [
     (["train", "--set", "policy=cnn", "frame_stack=2", "--out", "x"], "frame_stack must be 1 with policy=cnn, got 2"),
     (["world", "--seed", "-1"], "--seed must be 0 or more, not -1"),
     (["render", "--poses-seed", "-1"], "--poses-seed must be 0 or more, not -1"),
-    (["train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1"),
+    (["train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1; such as --seed 0"),
     (["train", "--world-seeds", "3", "-4", "--out", "x"], "--world-seeds: a seed must be 0 or more, not -4"),
     (["train", "--world-seeds", "16:3", "--out", "x"], "--world-seeds: 16:3 holds no seed; write 3:16"),
     (["train", "--world-seeds", "5", "0:9", "--out", "x"], "--world-seeds: the seed 5 is given twice"),
     (["train", "--world-seeds", "1-5", "--out", "x"], "ranges such as 1000:1016, whose end is excluded; not '1-5'"),
     (
         ["train", "--world-seeds", "0:4", "--num-envs", "4", "--rivers-in-memory", "9", "--out", "x"],
-        "rivers_in_memory is for rivers that change with each episode; these are fixed",
+        "--rivers-in-memory is for rivers that change with each episode; these are fixed",
     ),
     (["encoder", "train", "--world-seeds", "2:2", "--out", "x"], "--world-seeds: 2:2 holds no seed"),
     (
@@ -197,8 +205,8 @@ WRONG = [
     ),
     (["evaluate", "hover", "--seed", "-2"], "--seed must be 0 or more, not -2"),
     (["evaluate", "hover", "--starts-seed", "-2"], "--starts-seed must be 0 or more, not -2"),
-    (["encoder", "train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1"),
-    (["encoder", "show", "--seed", "-1"], "--seed must be 0 or more, not -1"),
+    (["encoder", "train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1; such as --seed 0"),
+    (["encoder", "show", "--seed", "-1"], "--seed must be 0 or more, not -1; such as --seed 1"),
 ]
 
 
@@ -305,7 +313,7 @@ def test_errors_in_rendering_and_writing_are_one_line(tmp_path: Path, easy_world
     for arguments, message in (
         ([*render, "--pose", "5000", "5000", "3", "0"], "x = 5000, y = 5000 is outside the map of Easy"),
         ([*render, "--pose", "nan", "0", "3", "0"], "is outside the map"),
-        ([*render, "--size", "4"], "height_px must be a whole number from 16 to 2048, got 4"),
+        ([*render, "--size", "4"], "--size must be from 16 to 2048, not 4"),
         ([*render[:-1], str(file / "x.png"), "--size", "16"], f"{file} is not a folder"),
         (["world", "--level", "easy", "--out", str(tmp_path)], f"{tmp_path} is a folder; name a file in it, such as"),
     ):
@@ -313,6 +321,53 @@ def test_errors_in_rendering_and_writing_are_one_line(tmp_path: Path, easy_world
         error = capsys.readouterr().err
         assert message in error
         assert "Traceback" not in error
+
+
+PRIVILEGED_RUN = ["--level", "easy", "--observation", "privileged", "--steps", "100"]
+FROM_THE_START = ". There was no checkpoint yet; the same command starts from the beginning."
+
+
+@pytest.mark.parametrize(
+    ("arguments", "file", "resumes"),
+    [
+        (["world", "--level", "easy", "--out", "map.png"], "map.png", ""),
+        (["render", "--level", "easy", "--size", "32", "--count", "1", "--out", "x.webp"], "x.webp", ""),
+        (["evaluate", "hover", "--levels", "easy", "--episodes", "1", "--out", "x.csv"], "x.csv", ""),
+        (["train", *PRIVILEGED_RUN, "--out", "run"], str(Path("run", "config.yaml")), FROM_THE_START),
+        (
+            ["bench", "quick", "--jobs", "1", "--out", "quick"],
+            str(Path("quick", "suite.json")),
+            ". The same command resumes from the last checkpoint.",
+        ),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
+)
+def test_a_full_disk_is_one_line_that_names_the_file(
+    arguments: list[str],
+    file: str,
+    resumes: str,
+    tmp_path: Path,
+    easy_world,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+):
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(os, "fsync", full)
+    assert main(arguments) == 2
+    *_, last = capsys.readouterr().err.splitlines()
+    assert last == f"thalweg: {file} cannot be written: No space left on device{resumes}"
+
+
+def test_a_full_disk_without_a_name_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("thalweg.bench.report.report.write_report", full)
+    assert main(["report", "x"]) == 2
+    assert capsys.readouterr().err == "thalweg: a file cannot be written: No space left on device\n"
 
 
 def test_frames_are_drawn_from_a_given_pose(tmp_path: Path, easy_world, capsys: pytest.CaptureFixture):
@@ -414,7 +469,7 @@ def test_a_policy_is_trained_on_a_real_river(
         return RunResult(given["folder"], "PPO", 5, 1, 0.0, 0.0, 0.0, 1.0, None, False, ())
 
     monkeypatch.setattr(river, "run", run)
-    options = ["--geojson", str(brook), "--width-m", "6", "--length-m", "60", "--smooth-m", "4"]
+    options = ["--river", str(brook), "--width-m", "6", "--length-m", "60", "--smooth-m", "4"]
     given = ["train", *options, "--world-seeds", "3", "4", "--num-envs", "2", "--out", str(tmp_path / "run")]
     assert main(given) == 0
     context, worlds = told["context"], told["worlds"]
@@ -542,7 +597,9 @@ def test_a_shield_is_refused_to_a_policy_without_masks(tmp_path: Path, capsys: p
 def test_options_of_a_river_are_typed_again_as_they_were_given():
     options = RiverFile(Path("a river.geojson"), width_m=6.0, start_m=1234.5678, length_m=1e6, smooth_m=0.1)
     typed = ["--width-m", "6", "--start-m", "1234.5678", "--length-m", "1000000", "--smooth-m", "0.1"]
-    assert options.words() == ["--geojson", "a river.geojson", *typed]
+    assert options.words() == ["--river", "a river.geojson", *typed]
+    named = RiverFile(Path("b.kml"), crs="EPSG:32632", river_name="River Cam", reverse=True)
+    assert named.words() == ["--river", "b.kml", "--crs", "EPSG:32632", "--river-name", "River Cam", "--reverse"]
 
 
 @pytest.mark.parametrize(
@@ -550,16 +607,16 @@ def test_options_of_a_river_are_typed_again_as_they_were_given():
     [
         (
             ["render", "--geojson", "none.geojson", "--level", "easy"],
-            "give --level or --geojson, not both: easy and none.",
+            "give --level or --river, not both: easy and none.",
         ),
         (["render", "--geojson", "none.geojson"], "none.geojson: there is no such file"),
-        (["render", "--width-m", "9"], "--width-m goes with --geojson"),
+        (["render", "--width-m", "9"], "--width-m goes with --river"),
         (
             ["train", "--geojson", "none.geojson", "--level", "easy", "--out", "x"],
-            "give --level or --geojson, not both",
+            "give --level or --river, not both",
         ),
         (["train", "--geojson", "none.geojson", "--out", "x"], "none.geojson: there is no such file"),
-        (["train", "--smooth-m", "9", "--out", "x"], "--smooth-m goes with --geojson"),
+        (["train", "--smooth-m", "9", "--out", "x"], "--smooth-m goes with --river"),
         (
             ["evaluate", "hover", "--geojson", "none.geojson", "--levels", "easy", "hard"],
             "not both: easy hard and none.",
@@ -567,14 +624,14 @@ def test_options_of_a_river_are_typed_again_as_they_were_given():
         (["evaluate", "hover", "--geojson", "none.geojson"], "none.geojson: there is no such file"),
         (
             ["evaluate", "hover", "--world-seed", "3"],
-            "--world-seed goes with --geojson; rivers of the levels are chosen",
+            "--world-seed goes with --river; rivers of the levels are chosen",
         ),
         (["evaluate", "hover", "--unseen", "--world-seeds", "3"], "--world-seeds does not go with --unseen"),
         (["evaluate", "hover", "--world-seeds", "3:3"], "--world-seeds: 3:3"),
         (["evaluate", "hover", "--geojson", "none.geojson", "--unseen"], "--unseen goes with --levels"),
         (
             ["evaluate", "hover", "--geojson", "none.geojson", "--world-seeds", "3"],
-            "--world-seeds does not go with --geojson, whose plants and hills --world-seed chooses",
+            "--world-seeds does not go with --river, whose plants and hills --world-seed chooses",
         ),
         (["evaluate", "hover", "--geojson", "none.geojson", "--world-seed", "-3"], "--world-seed must be 0 or more"),
     ],
@@ -596,7 +653,7 @@ def test_a_real_river_and_a_level_are_not_mixed(
     ("text", "message"),
     [
         ("{", "brook.geojson: not JSON"),
-        ('{"type": "LineString", "coordinates": [[9, 48], [9.0004, 48]]}', "brook.geojson: "),
+        ('{"type": "LineString", "coordinates": [[9, 48]]}', "line of 1 positions; at least 2 are needed"),
         (
             '{"type": "LineString", "coordinates": [[9, 48], [9.0008, 48], [9.0008, 48.00002], [9, 48.00002]]}',
             "the banks of two arms overlap",
@@ -625,10 +682,9 @@ def test_a_file_without_a_river_is_refused_before_a_river_is_announced(
     ("given", "message"),
     [
         (["--geojson", "none.geojson"], "thalweg: none.geojson: there is no such file"),
-        (["--geojson", "none.geojson", "--level", "easy"], "thalweg: give --level or --geojson, not both"),
-        (["--width-m", "9"], "thalweg: --width-m goes with --geojson"),
-        (["--level", "easy", "--start-m", "0"], "thalweg: --start-m goes with --geojson"),
-        (["--geojson", "none.geojson", "--length-m", "3"], "thalweg: length_m is 3 m; expected 15 to 10400 m"),
+        (["--geojson", "none.geojson", "--level", "easy"], "thalweg: give --level or --river, not both"),
+        (["--width-m", "9"], "thalweg: --width-m goes with --river"),
+        (["--level", "easy", "--start-m", "0"], "thalweg: --start-m goes with --river"),
     ],
 )
 def test_options_of_a_real_river_that_cannot_be_are_refused(

@@ -1,5 +1,7 @@
 """Tests that a file is always the old one or the new one, whatever happens while it is written."""
 
+import errno
+import io
 import os
 import signal
 import stat
@@ -8,10 +10,12 @@ import sys
 import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 import thalweg
-from thalweg.core.atomic_io import atomic_path, write_atomic
+from thalweg.core.atomic_io import atomic_path, disk_errors_name, is_disk_error, write_atomic, write_picture
 
 FOLDERS = {
     "train/folder/checkpoint.py",
@@ -75,6 +79,46 @@ def test_a_disk_error_keeps_the_old_file_and_no_other(tmp_path, monkeypatch, ste
     with pytest.raises(OSError, match="disk full"):
         write_atomic(path, "new")
     assert path.read_text() == "old" and names(tmp_path) == ["file.txt"]
+
+
+FULL = (errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize("named", [False, True], ids=["a write fails", "the temporary file cannot be opened"])
+def test_the_error_of_a_full_disk_names_the_file_that_was_asked_for(tmp_path, named):
+    path = tmp_path / "file.txt"
+    with pytest.raises(OSError) as raised, atomic_path(path) as draft:
+        draft.write_text("ha")
+        raise OSError(*FULL, str(draft)) if named else OSError(*FULL)
+    assert (raised.value.errno, raised.value.filename) == (errno.ENOSPC, str(path))
+    assert str(raised.value) == f"[Errno {errno.ENOSPC}] No space left on device: '{path}'"
+    assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "error", [OSError("no number"), OSError(errno.EPIPE, "Broken pipe"), OSError(*FULL, "another file"), ValueError()]
+)
+def test_errors_of_something_else_keep_what_they_name(error):
+    with pytest.raises(type(error)) as raised, disk_errors_name("file.txt"):
+        raise error
+    assert raised.value is error
+
+
+@pytest.mark.parametrize(("number", "of_disk"), [(errno.ENOSPC, True), (errno.EIO, True), (errno.EPIPE, False)])
+def test_errors_of_the_disk_are_told_by_their_number(number, of_disk):
+    assert is_disk_error(OSError(number, "")) is of_disk
+    assert not is_disk_error(ValueError(number))
+
+
+@pytest.mark.parametrize(
+    ("name", "format"), [("a.png", "PNG"), ("a.JPG", "JPEG"), ("a.webp", "WEBP"), ("without", "PNG")]
+)
+def test_a_picture_has_the_format_of_its_name(tmp_path, name, format):
+    pixels = np.full((8, 8, 3), 60, np.uint8)
+    write_picture(tmp_path / name, Image.fromarray(pixels))
+    with Image.open(io.BytesIO((tmp_path / name).read_bytes())) as picture:
+        assert picture.format == format
+        assert abs(np.asarray(picture).astype(int) - pixels).max() <= 2
 
 
 def test_the_content_is_synced_before_the_rename(tmp_path, monkeypatch):

@@ -1,5 +1,7 @@
 """Worlds, poses, looks and flights for comparisons of GPU and CPU, small enough for the simulator."""
 
+from typing import Any
+
 import numpy as np
 import torch
 
@@ -30,9 +32,9 @@ def worlds() -> list[World]:
 FLIGHTS, STEPS = 5, 60
 
 
-def flown() -> dict[str, np.ndarray]:
+def flown(task: Any = "River") -> dict[str, np.ndarray]:
     """What happens to environments of tensors in all steps of random flights, and what they see and feel of it."""
-    config = EnvConfig(observation=("proprioception", "privileged"), max_idle_steps=8)
+    config = EnvConfig(observation=("proprioception", "privileged"), max_idle_steps=8, task=task)
     env = TensorRiverEnv(worlds(), FLIGHTS, config, device="cpu")
     env.reset(seed=0)
     chosen = torch.randint(0, 3, (STEPS, FLIGHTS, 4), generator=torch.Generator().manual_seed(0))

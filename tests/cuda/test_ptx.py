@@ -12,7 +12,7 @@ from numba import cuda, float32, types
 
 from benchmarks import registers
 
-DOUBLE = {"place_cameras", "advance", "advance_pushed", "see"}
+DOUBLE = {"place_cameras", "advance", "advance_pushed", "see", "see_in_task", "props"}
 """Kernels in double precision: the rules, and those that compute with poses."""
 
 

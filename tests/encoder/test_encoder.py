@@ -117,9 +117,17 @@ def test_decode_gives_frames_of_the_inputs_channels(encoder, frames):
 @pytest.mark.parametrize(
     ("frames", "message"),
     [
-        (np.zeros((2, 64, 64, 4), np.uint8), r"\[N, 128, 128, 4\].*not \[2, 64, 64, 4\]"),
+        (np.zeros((2, 64, 64, 4), np.uint8), "frames of 128 x 128 pixels, not of 64 x 64"),
         (np.zeros((128, 128, 4), np.uint8), r"not \[128, 128, 4\]"),
-        (np.zeros((2, 128, 128, 3), np.uint8), r"rgb\+mask takes frames .* not \[2, 128, 128, 3\]"),
+        (
+            np.zeros((2, 128, 128, 3), np.uint8),
+            r"^an encoder of rgb\+mask takes frames \[N, 128, 128, 4\], not \[2, 128, 128, 3\]$",
+        ),
+        (
+            np.zeros((2, 96, 160, 4), np.uint8),
+            r"^this encoder takes frames of 128 x 128 pixels, not of 96 x 160 \(height x width\): set height_px and"
+            " width_px of the camera to 128, or use another encoder$",
+        ),
         (np.zeros((2, 128, 128, 4), np.float32), "frames must be uint8, not float32"),
     ],
 )

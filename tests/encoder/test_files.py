@@ -60,6 +60,18 @@ def test_a_missing_file_is_named(tmp_path):
         load_encoder(tmp_path / "none.safetensors")
 
 
+def test_the_folder_of_a_run_stands_for_the_file_in_it(path):
+    codes = synthetic_frames(4, 64)
+    loaded = load_encoder(path.parent)
+    assert loaded.about["path"] == str(path)
+    assert np.array_equal(loaded(codes), load_encoder(path)(codes))
+
+
+def test_a_folder_without_an_encoder_is_refused(tmp_path):
+    with pytest.raises(EncoderFileError, match=f"{tmp_path}: a folder without encoder.safetensors, which `thalweg enc"):
+        load_encoder(tmp_path)
+
+
 def test_a_file_of_something_else_is_refused(tmp_path):
     path = tmp_path / "policy.safetensors"
     save_file({"weight": torch.zeros(3)}, path)

@@ -115,15 +115,18 @@ class BlankRenderer:
     def __init__(self, height_px: int = 8, width_px: int = 8) -> None:
         self.camera = SimpleNamespace(height_px=height_px, width_px=width_px)
         self.calls: list[int] = []
+        self.props: np.ndarray | None = None
+        """Objects of the last call."""
 
-    def render_tensors(self, views, out):
+    def render_tensors(self, views, out, props=None):
         """The same of tensors: world_index, poses, times and looks."""
         world_index, poses, times = (tensor.numpy() for tensor in views[:3])
-        frames = self.render(poses, world_index, times)
+        frames = self.render(poses, world_index, times, props=None if props is None else props.numpy())
         out.numpy()[...] = frames[..., 3:] if out.shape[-1] == 1 else frames
 
-    def render(self, poses, world_index=None, time_s=None, out=None):
+    def render(self, poses, world_index=None, time_s=None, out=None, props=None):
         """Frames [N, H, W, 4] uint8."""
+        self.props = props
         self.calls.append(len(poses))
         if out is None:
             out = np.empty((len(poses), self.camera.height_px, self.camera.width_px, 4), np.uint8)

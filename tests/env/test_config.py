@@ -83,6 +83,7 @@ def test_the_config_is_frozen():
 
 def test_codes_and_names_are_those_of_the_paper():
     labels = {reason.value: reason.label for reason in DoneReason}
+    assert labels.pop(7) == "CostIncurred"  # of tasks beside the paper's
     assert labels == {
         -1: "Running",
         0: "Collision",

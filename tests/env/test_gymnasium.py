@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import thalweg
 from tests.env.handmade import BlankRenderer, hairpin, ring
-from thalweg.env import ActionError, ConfigError, EnvConfig, RiverEnv, RiverVectorEnv
+from thalweg.env import ActionError, ConfigError, EnvConfig, RiverEnv, RiverVectorEnv, UnknownOptionError
 
 
 @pytest.mark.parametrize("observation", ["rgb+mask", "rgb", "mask", "dict"])
@@ -82,10 +82,44 @@ def test_make_vec_is_same_step_unless_asked_otherwise():
     assert env.num_envs == 2
 
 
+def test_gymnasiums_own_vectors_are_next_step_unless_asked_otherwise():
+    given = {"num_envs": 2, "vectorization_mode": "sync", "world": ring(), "observation": "none"}
+    env = gymnasium.make_vec("thalweg/Easy-v0", **given)
+    assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    same_step = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    env = gymnasium.make_vec("thalweg/Easy-v0", vector_kwargs=same_step, **given)
+    assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+
+
 @pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
 def test_an_unknown_option_lists_the_known_ones(make):
     with pytest.raises(ConfigError, match=r"'heigth'.*observation"):
         make("thalweg/Easy-v0", heigth=3)
+
+
+@pytest.mark.parametrize("make", [gymnasium.make, gymnasium.make_vec])
+def test_an_unknown_option_is_told_in_pythons_words_too(make):
+    """TorchRL tries `frameskip`, and goes on without it where this is the error."""
+    with pytest.raises(TypeError) as raised:
+        make("thalweg/Easy-v0", frameskip=1, quality="fast")
+    assert "unexpected keyword argument 'frameskip'" in str(raised.value)
+    assert "unknown option 'frameskip'; known: " in str(raised.value)
+    assert type(raised.value) is UnknownOptionError and isinstance(raised.value, ConfigError)
+
+
+def test_a_known_option_with_a_wrong_value_is_no_type_error():
+    with pytest.raises(ConfigError) as raised:
+        gymnasium.make("thalweg/Easy-v0", world=ring(), observation="colour")
+    assert not isinstance(raised.value, TypeError)
+
+
+def test_the_info_of_one_environment_holds_numpys_scalars_and_arrays():
+    env = RiverEnv(ring(), EnvConfig(observation="none"))
+    for info in (env.reset(seed=0)[1], env.step([1, 1, 1, 1])[4]):
+        kinds = {name: np.asarray(value).dtype.kind for name, value in info.items()}
+        assert all(isinstance(value, np.generic | np.ndarray) for value in info.values())
+        assert (kinds["cost"], kinds["progress"], kinds["done_reason"], kinds["pose"]) == ("f", "f", "i", "f")
+        assert np.shape(info["cost"]) == np.shape(info["done_reason"]) == ()
 
 
 def test_worlds_and_seeds_of_worlds_exclude_each_other():

@@ -86,7 +86,7 @@ def test_the_space_of_a_combination_has_the_space_of_each_part():
     assert space["rgb"] == box(0, 255, (3, 5, 3), np.uint8)
     assert space["mask"] == box(0, 255, (3, 5, 1), np.uint8)
     assert space["depth"] == box(-1.0, np.inf, (3, 5, 1), np.float32)
-    assert space["class"] == box(0, 4, (3, 5, 1), np.uint8)
+    assert space["class"] == box(0, 8, (3, 5, 1), np.uint8)
     assert space["proprioception"] == box(-np.inf, np.inf, (9,), np.float32)
     assert space["privileged"] == box(-np.inf, np.inf, (37,), np.float32)
     assert observation_space(("rgb",), 3, 5) == gymnasium.spaces.Dict({"rgb": space["rgb"]})

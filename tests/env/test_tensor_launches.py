@@ -12,11 +12,19 @@ from thalweg.env import EnvConfig
 from thalweg.env.device import cuda_step
 from thalweg.env.device.step import advance_all
 from thalweg.env.task.ideal_eye import see_all
+from thalweg.env.task.priced.eye import see_all_in_task
+from thalweg.env.task.priced.props import all_props
 from thalweg.env.task.proprioception import feel_all
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.world import World
 
-ON_THE_HOST = {cuda_step.advance: advance_all, cuda_step.see: see_all, cuda_step.feel: feel_all}
+ON_THE_HOST = {
+    cuda_step.advance: advance_all,
+    cuda_step.see: see_all,
+    cuda_step.see_in_task: see_all_in_task,
+    cuda_step.props: all_props,
+    cuda_step.feel: feel_all,
+}
 
 
 @pytest.fixture
@@ -40,8 +48,9 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
-def test_launched_steps_equal_those_of_the_cpu(easy_world: World, launched: list[str]):
-    config = EnvConfig(observation=("proprioception", "privileged"))
+@pytest.mark.parametrize(("task", "eye"), [("River", "see"), ("Swimmers", "see_in_task")])
+def test_launched_steps_equal_those_of_the_cpu(easy_world: World, launched: list[str], task: Any, eye: str):
+    config = EnvConfig(observation=("proprioception", "privileged"), task=task)
     here, there = (TensorRiverEnv(easy_world, 5, config, device="cpu") for _ in range(2))
     for env in (here, there):
         env.reset(seed=3)
@@ -54,4 +63,4 @@ def test_launched_steps_equal_those_of_the_cpu(easy_world: World, launched: list
         assert all(torch.equal(seen[part], seen_there[part]) for part in config.parts)
         assert torch.equal(reward, reward_there)
         assert torch.equal(info["pose"], info_there["pose"])
-    assert launched == ["advance", "feel", "see"] * 40
+    assert launched == ["advance", "feel", eye] * 40

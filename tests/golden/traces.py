@@ -17,6 +17,7 @@ import torch
 from tests.algos import rollouts
 from tests.encoder.synthetic_frames import synthetic_frames
 from tests.env.handmade import ring
+from tests.env.task.priced.flights import PRICED, erratic
 from tests.render import golden as golden_frames
 from tests.train.small_runs import rows_of, small, train
 from thalweg.algos import ALGORITHMS
@@ -154,6 +155,25 @@ def forces() -> Trace:
             costs += info["costs"]
         found |= {f"{name} {part}": info[part] for part in ("pose", "wind", "velocity") if part in info}
         found[f"{name} costs"] = costs
+    return found
+
+
+def tasks() -> Trace:
+    """What erratic flights earn and cost in each task, and where they end, on a hand-made ring and on Hard."""
+    found = {}
+    for task in PRICED:
+        for name, world in (("ring", ring()), ("Hard", load_or_build("Hard"))):
+            env = RiverVectorEnv(world, 6, EnvConfig(observation="privileged", task=task))
+            rng = np.random.default_rng(5)
+            env.reset(seed=3)
+            rewards, costs = np.zeros(6), np.zeros((6, 3))
+            for _ in range(60):
+                seen, reward, _, _, info = env.step(erratic(env, rng))
+                rewards += reward
+                costs += info["costs"]
+            state, limits = env.get_state(), env.courses.max_steps
+            found[f"{task} {name}"] = np.concatenate([rewards, costs.ravel(), state["pose"].ravel(), limits])
+            found[f"{task} {name} seen"] = seen.astype(np.float64)
     return found
 
 
@@ -302,6 +322,7 @@ GOLDENS: dict[str, Golden] = {
     "render": Golden("RENDER", versions.RENDER, render, tolerance=0.02),
     "rules": Golden("RULES", versions.RULES, rules, tolerance=1e-9),
     "forces": Golden("FORCES", versions.FORCES, forces, tolerance=1e-9),
+    "tasks": Golden("TASKS", versions.TASKS, tasks, tolerance=1e-6, smallest=1e-3),
     "privileged": Golden("PRIVILEGED", versions.PRIVILEGED, privileged, tolerance=1e-4, smallest=1e-3),
     "proprioception": Golden("PROPRIOCEPTION", versions.PROPRIOCEPTION, proprioception, tolerance=1e-4, smallest=1e-3),
     "evaluation": Golden("EVALUATION", versions.EVALUATION, evaluation, tolerance=1e-9),

@@ -35,6 +35,7 @@ class FirstPixels:
     """An encoder whose code is the first two numbers of an image's first row, in each channel."""
 
     latent, inputs, about = 2, "mask", {"path": __file__}
+    config = SimpleNamespace(size_px=128)
     device = torch.device("cpu")
 
     def __call__(self, frames: np.ndarray) -> np.ndarray:

@@ -38,7 +38,11 @@ def test_a_policy_flies_only_through_the_encoder_it_was_trained_with(tmp_path: P
     own, other = (load_encoder(encoder_file(tmp_path / f"{seed}.safetensors", seed)) for seed in (0, 1))
     policy: Any = SimpleNamespace(about=SimpleNamespace(context={"encoder": encoder_hash(own)}))
     check_policy_fits(policy, own)
-    with pytest.raises(TrainingError, match=f"encoder {encoder_hash(own)}, but this is encoder {encoder_hash(other)}"):
+    message = (
+        rf"of an encoder of its own \(its hash: {encoder_hash(own)}\), but {tmp_path / '1.safetensors'} is another"
+        rf" encoder \(its hash: {encoder_hash(other)}\); use the one that it was trained with$"
+    )
+    with pytest.raises(TrainingError, match=message):
         check_policy_fits(policy, other)
 
 

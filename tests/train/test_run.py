@@ -20,7 +20,7 @@ from tests.train.small_runs import SMALL, STEPS, Stop, StopsAt, numbers, rows_of
 from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, AlgorithmError, LimitWarning, NotFiniteError, Policy
 from thalweg.core.compute.torch_threads import torch_threads
-from thalweg.train import ResumeWarning, load_policy
+from thalweg.train import ResumeWarning, ShortRunWarning, load_policy
 from thalweg.train.run import learnt_bounds
 
 
@@ -278,6 +278,17 @@ def test_a_limit_that_binds_is_no_warning(tmp_path):
         warnings.simplefilter("error", LimitWarning)
         assert train(tmp_path, config=SMALL | {"cost_limit": 0.5}).warnings == ()
     assert rows_of(tmp_path, "metrics.csv")[-1]["limit_can_bind"] == "1.0"
+
+
+@pytest.mark.parametrize(("steps", "few"), [(129, False), (128, True)])
+def test_a_run_of_fewer_than_five_updates_is_warned_of(tmp_path, steps, few):
+    config = SMALL | {"steps_per_update": 32, "minibatch": 16}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        train(tmp_path, steps=steps, config=config)
+    said = [str(warning.message) for warning in caught if warning.category is ShortRunWarning]
+    message = "128 steps are 4 updates of 32 steps each, from which hardly anything is learnt; take 160 steps or more"
+    assert said == ([message] if few else [])
 
 
 def test_a_limit_that_is_never_met_is_a_warning(tmp_path):

@@ -134,3 +134,10 @@ def test_arc_between_takes_the_shorter_way_round():
     assert geometry.arc_between(arc, 8.0, True)[0, 3] == 2
     assert geometry.arc_between(arc, 6.0, False)[0, 3] == 6
     np.testing.assert_array_equal(geometry.arc_distance_from(arc, 8.0, True, 7.0), [1, 3, 3, 1])
+
+
+def test_a_straight_line_with_rounding_noise_does_not_cross_itself():
+    line = np.column_stack([np.linspace(-100, 100, 155), 1e-16 * np.random.default_rng(0).standard_normal(155)])
+    assert len(geometry.self_crossings(line, closed=False)) == 0
+    turned = line @ np.array([[0.8, 0.6], [-0.6, 0.8]])
+    assert len(geometry.self_crossings(turned, closed=False)) == 0

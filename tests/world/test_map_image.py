@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
+from matplotlib.patches import Rectangle
 from PIL import Image
 
 from tests.world.valley import valley
@@ -87,6 +89,32 @@ def test_a_marker_is_drawn_over_a_bridge(world):
     assert np.abs(deck - (203, 191, 168)).max() < 25
     number = next(text for text in figure.axes[0].texts if text.get_text() == "50")
     assert all(number.get_zorder() > patch.get_zorder() for patch in figure.axes[0].patches)
+
+
+def test_the_scale_bar_is_as_long_as_its_end_says_and_both_halves_are_outlined(world):
+    figure = drawing._figure(world, 1200)
+    white, dark = (patch for patch in figure.axes[0].patches if isinstance(patch, Rectangle))
+    assert white.get_x() + white.get_width() == pytest.approx(dark.get_x())
+    assert white.get_width() + dark.get_width() == pytest.approx(10.0)  # metres, on a map of 60 m
+    labels = {text.get_text(): text.get_position()[0] for text in figure.axes[0].texts}
+    assert labels["0"] == white.get_x() and labels["10 m"] == pytest.approx(dark.get_x() + dark.get_width())
+    assert {to_hex(patch.get_edgecolor()) for patch in (white, dark)} == {"#ffffff"}
+    assert to_hex(white.get_facecolor()) != to_hex(dark.get_facecolor())
+
+
+@pytest.mark.parametrize("columns", [240, 100])
+def test_a_map_is_drawn_in_the_scale_that_is_asked_for(world, columns):
+    cut = {
+        name: getattr(world, name)[:, :columns] for name in ("ground_m", "water_m", "sun", "sky", "canopy_m", "albedo")
+    }
+    narrow = replace(world, **cut)
+    figure = drawing._figure(narrow, drawing.size_in_scale(narrow, 12.0))
+    assert figure.axes[0].bbox.width == pytest.approx(12.0 * columns * world.grid.cell_m, rel=2e-3)
+
+
+def test_the_deck_of_a_bridge_has_its_length_along_and_its_width_across():
+    corners = drawing.deck(np.array([1.0, 2.0, 0.5 * math.pi, 16.0, 8.0, 9.0, 0.2, 1.4, 2.2, 0.1, 0.5]))
+    np.testing.assert_allclose(corners, [[5, -6], [5, 10], [-3, 10], [-3, -6]], atol=1e-12)
 
 
 def test_north_of_the_ground_is_up(world, tmp_path):

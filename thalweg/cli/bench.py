@@ -1,13 +1,18 @@
 """`thalweg bench`: training, evaluation and report of a suite."""
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
+from thalweg.cli.options import NO_FILE, River, RiverFile, checked_task
+
 if TYPE_CHECKING:
     from thalweg.bench.execute.executors import Executor
+    from thalweg.bench.suite.config import Suite
+    from thalweg.world import Reach
 
 
 @dataclass(frozen=True)
@@ -24,21 +29,41 @@ class Bench:
     """Run on a Ray cluster, at most --jobs runs at a time: auto for this machine's, or HOST:PORT of its head."""
     cpus: int | None = None
     """Processors and threads of each run on a cluster; by default 1."""
+    task: str | None = None
+    """River, Swimmers, Nests, RacingLine or Portage; by default that of the suite."""
+    river: River = NO_FILE
     only: tuple[str, ...] = ()
     """Policies (FOCOPS, hover), with all their seeds, or runs (PPO-0), such as --only FOCOPS PPO-0; all by default."""
 
     def run(self) -> int:
-        return run_and_print(self.suite, self.out, self.only, executor_for(self.jobs, self.cluster, self.cpus))
+        executor = executor_for(self.jobs, self.cluster, self.cpus)
+        return run_and_print(self.suite, self.out, self.only, executor, self.river, self.task)
 
 
-def run_and_print(name: str, folder: Path, only: tuple[str, ...], executor: "Executor") -> int:
-    """Run a suite, or a part of it, and print its tables; returns 1 if a run failed."""
+def run_and_print(
+    name: str,
+    folder: Path,
+    only: tuple[str, ...],
+    executor: "Executor",
+    river: RiverFile = NO_FILE,
+    task: str | None = None,
+) -> int:
+    """Run a suite, or a part of it, and print its tables; returns 1 if a run failed.
+
+    All policies also fly on the `river` of a file, if one is given, as a condition of its own. `task` replaces that of
+    the suite.
+    """
     from thalweg.bench.execute.runner import run_suite
     from thalweg.bench.suite.builtin import load_suite
     from thalweg.cli.tables import make_console, print_tables
 
     console = make_console()
-    outcome = run_suite(load_suite(name), folder, console=console, executor=executor, only=only)
+    suite = load_suite(name)
+    if task is not None:
+        suite = replace(suite, task=checked_task(task))
+    if (reach := river.reach("a suite", None)) is not None:
+        suite = with_river(suite, reach)
+    outcome = run_suite(suite, folder, console=console, executor=executor, only=only)
     print_tables(console, outcome.results, detail=False)
     lines = [f"Report: {outcome.report.page}", f"Table:  {outcome.report.table}"]
     if outcome.report.film is not None:
@@ -46,6 +71,20 @@ def run_and_print(name: str, folder: Path, only: tuple[str, ...], executor: "Exe
     lines.extend(f"Failed: {row.run}: {row.error}" for row in outcome.failed)
     console.print("\n".join(lines), highlight=False, soft_wrap=True, markup=False)
     return 1 if outcome.failed else 0
+
+
+def with_river(suite: "Suite", reach: "Reach") -> "Suite":
+    """Return a suite whose policies also fly on the river of a file, under the condition `river`.
+
+    Raises the errors of the file, and `ResultsError` for a suite that has a condition of that name.
+    """
+    from thalweg.bench.evaluate.conditions import Condition
+
+    reach.check()
+    name = "-".join(re.findall(r"\w+", reach.path.stem)) or "river"
+    own = {"file": str(reach.path), **reach.reach_data()}
+    condition = Condition("river", rivers=(name,), files={name: own})
+    return replace(suite, conditions=(*suite.conditions, condition))
 
 
 def executor_for(jobs: int | None, cluster: str | None, cpus: int | None) -> "Executor":

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from thalweg.cli.options import UsageError, check_file
+from thalweg.cli.options import NO_FILE, River, UsageError, check_file
 from thalweg.core.seeds import parse_seeds
 
 
@@ -24,6 +24,7 @@ class EncoderTrain:
     """`lean`, or `paper` for the architecture of the paper, which trains far more slowly."""
     level: str = "Medium"
     """Level whose river the images show."""
+    river: River = NO_FILE
     world_seeds: tuple[str, ...] = ()
     """Seeds of the rivers, such as 0 5 1000:1016, where 1016 is excluded; by default the fixed river of the level."""
     images: int = 2000
@@ -39,10 +40,11 @@ class EncoderTrain:
         from thalweg.encoder import VAEConfig
         from thalweg.train.encoder.training import collect_and_train
 
+        reach = self.river.reach("--level", None if self.level == "Medium" else self.level)
         result = collect_and_train(
             self.out,
             VAEConfig(inputs=self.inputs, latent=self.latent, architecture=self.architecture),
-            level=self.level,
+            level=reach or self.level,
             world_seeds=parse_seeds(self.world_seeds, "--world-seeds", UsageError),
             images=self.images,
             held_out=self.held_out,
@@ -60,7 +62,7 @@ class EncoderShow:
     """Describe an encoder, and draw frames, masks and their reconstructions."""
 
     path: Path | None = None
-    """Encoder file, such as runs/encoder/encoder.safetensors; by default the one that comes with the package."""
+    """Folder of `encoder train`, or encoder file; by default the one that comes with the package."""
     level: str = "Medium"
     """Level whose river the frames show."""
     count: int = 8

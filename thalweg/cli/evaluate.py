@@ -1,13 +1,14 @@
 """`thalweg evaluate`: evaluation of a policy from the fixed starts of levels, or on a real river."""
 
+import copy
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
-from thalweg.cli.options import NO_FILE, River, UsageError, check_file
+from thalweg.cli.options import NO_FILE, River, UsageError, check_file, checked_task
 from thalweg.core.seeds import parse_seeds
 from thalweg.core.suggestion import did_you_mean
 
@@ -28,7 +29,7 @@ class Evaluate:
     """Levels to fly on; by default Easy, Medium and Hard."""
     river: River = NO_FILE
     world_seed: int | None = None
-    """Seed of the plants and hills; only with --geojson."""
+    """Seed of the plants and hills; only with --river."""
     world_seeds: tuple[str, ...] = ()
     """Seeds of rivers of each level, such as 0 5 1000:1016 (1016 excluded); by default that of its fixed river."""
     episodes: int = 20
@@ -39,12 +40,18 @@ class Evaluate:
     """Seed for action sampling."""
     deterministic: bool = False
     """Take the most probable action instead of sampling."""
+    task: str | None = None
+    """River, Swimmers, Nests, RacingLine or Portage; by default that on which the policy was trained."""
+    hard: bool = False
+    """End an episode at the first cost of the task; not for River."""
+    sample: bool = False
+    """Sample actions, also of policies that always take the most probable one, such as the packaged policy."""
     unseen: bool = False
     """Fly on unseen rivers of the levels, on which nothing is trained: one start on each, one river per episode."""
     shield: bool = False
     """Replace moves that would leave the water remembered from past masks; results say so, and are apart."""
     encoder: Path | None = None
-    """File of the encoder, for policies that see its codes; by default the one that comes with the package."""
+    """File of the encoder, or folder of its run, for policies that see codes; by default that of their training."""
     out: Path | None = None
     """Also write one row per episode to this .csv file, replacing it."""
     device: str = "cpu"
@@ -53,8 +60,10 @@ class Evaluate:
     @property
     def config(self) -> "EvaluationConfig":
         from thalweg.bench.evaluate.course import EvaluationConfig
+        from thalweg.env import EnvConfig
 
-        return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic)
+        rules = EnvConfig(observation="none", task=checked_task(self.task or "River"), hard=self.hard)
+        return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic, rules)
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -62,18 +71,20 @@ class Evaluate:
         return parse_seeds(self.world_seeds, "--world-seeds", UsageError)
 
     def run(self) -> int:
+        if self.sample and self.deterministic:
+            raise UsageError("give --sample or --deterministic, not both")
         if self.out is not None:
             check_file("--out", self.out, ".csv")
         reach = self.river.reach("--levels", self.levels)
         if reach is not None and self.unseen:
-            raise UsageError("--unseen goes with --levels: a GeoJSON file has only one river")
+            raise UsageError("--unseen goes with --levels: a file has only one river")
         if reach is None and self.world_seed is not None:
-            raise UsageError("--world-seed goes with --geojson; rivers of the levels are chosen with --world-seeds")
+            raise UsageError("--world-seed goes with --river; rivers of the levels are chosen with --world-seeds")
         if self.seeds and (self.unseen or reach is not None):
             other = (
                 "--unseen, which chooses its own rivers"
                 if self.unseen
-                else "--geojson, whose plants and hills --world-seed chooses"
+                else "--river, whose plants and hills --world-seed chooses"
             )
             raise UsageError(f"--world-seeds does not go with {other}")
         evaluate_and_print(self, (reach,) if reach is not None else self.levels or ("Easy", "Medium", "Hard"))
@@ -91,6 +102,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.bench.results.results import Results
     from thalweg.bench.suite.config import PACKAGED
     from thalweg.cli.tables import make_console, print_tables
+    from thalweg.train.observations import task_of
     from thalweg.world import Reach, level_named
 
     console = make_console()
@@ -99,10 +111,15 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
         if rivers.count(river) > 1:
             raise ResultsError(f"--levels names {river} twice; each level is flown once")
     policy = load_named_policy(command.policy)
+    if command.sample:
+        policy = sampling(policy, command.policy)
+    command = replace(command, task=command.task or task_of(policy))
+    command.config  # noqa: B018  # a task that does not exist is refused before anything is loaded
     encoder = _encoder_for(policy, command)
     if command.shield:
         check_masks(policy, encoder)
     name = command.policy if command.policy in (*BASELINES, PACKAGED) else Path(command.policy).resolve().name
+    name = f"{name} (sampled)" if command.sample else name
     name = f"{name} (shield)" if command.shield else name
     rows: list[Episode] = []
     for river in rivers:
@@ -132,9 +149,10 @@ def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
     """Return the encoder whose codes a policy sees, None for one that sees none.
 
     Raises `UsageError` for an encoder that a policy of the privileged observation or of images is given, and the errors
-    of `load_compatible_encoder` and `check_policy_fits`.
+    of `encoder_of`, `load_compatible_encoder` and `check_policy_fits`.
     """
     from thalweg.bench.evaluate.baselines import sight_of
+    from thalweg.train.encoder_of_run import encoder_of
     from thalweg.train.observations import IN_WORDS, check_policy_fits, observation_of
     from thalweg.train.river import load_compatible_encoder
 
@@ -145,8 +163,9 @@ def _encoder_for(policy: "Policy", command: Evaluate) -> "Encoder | None":
             f"{command.policy} sees {IN_WORDS[observation_of(policy)]}, not {instead}: leave --encoder"
             f" {command.encoder} out"
         )
-    encoder = load_compatible_encoder(command.encoder, command.device) if sight == "frames" else None
-    check_policy_fits(policy, encoder)
+    file = encoder_of(policy) if sight == "frames" and command.encoder is None else command.encoder
+    encoder = load_compatible_encoder(file, command.device) if sight == "frames" else None
+    check_policy_fits(policy, encoder, task=command.task or "River")
     return encoder
 
 
@@ -168,6 +187,15 @@ def load_named_policy(name: str) -> "Policy":
             f" {', '.join(known)}"
         )
     return load_policy(path)
+
+
+def sampling(policy: "Policy", name: str) -> "Policy":
+    """Return a policy that samples its actions; raises `UsageError` for a baseline or a planner, which has no such."""
+    if not hasattr(policy, "greedy"):
+        raise UsageError(f"--sample is for policies with probabilities of actions; {name} has none")
+    policy = copy.copy(policy)
+    policy.greedy = False  # pyright: ignore[reportAttributeAccessIssue]
+    return policy
 
 
 def _courses(command: Evaluate, river: "str | Reach", *, drawn: bool) -> "tuple[Iterable[Course], str]":

@@ -11,6 +11,7 @@ import select
 import shutil
 import signal
 import sys
+import threading
 import traceback
 import warnings
 from collections.abc import Mapping, Sequence
@@ -31,7 +32,10 @@ from thalweg.cli.render import RenderFrames
 from thalweg.cli.report import Report
 from thalweg.cli.speed import Speed
 from thalweg.cli.train import Train
+from thalweg.cli.wording import in_options
 from thalweg.cli.world import DrawWorld
+from thalweg.core.atomic_io import is_disk_error
+from thalweg.core.extras import advice_for
 from thalweg.core.seeds import parse_seeds
 
 DESCRIPTION = (
@@ -55,6 +59,8 @@ COMMANDS = {
 
 COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 """A code that sets a colour on a terminal."""
+RESUMABLE = (Train, Imitate, Bench, EncoderTrain, EncoderStudy)
+"""Commands that resume when they are given again."""
 CLOSED_PIPE = 128 + 13
 """Exit status where nobody reads the output any more: that which a shell gives to a process ended by SIGPIPE."""
 
@@ -89,6 +95,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         _check_seeds(command)
         if arguments is None:
             warnings.showwarning = _show_warning
+            threading.excepthook = _show_thread_error
             signal.signal(signal.SIGTERM, signal.default_int_handler)  # SIGTERM interrupts like Ctrl-C
         return command.run()
     except KeyboardInterrupt:
@@ -100,8 +107,21 @@ def _run(arguments: Sequence[str] | None) -> int:
         if debug or not _is_expected(error):
             traceback.print_exc()
             return 2 if _is_expected(error) else 1
-        print(f"thalweg: {error}", file=sys.stderr)
+        print(f"thalweg: {_in_words(error, command)}", file=sys.stderr)
         return 2
+
+
+def _in_words(error: Exception, command: Any) -> str:
+    """Return an error as one line that names options; that of a full disk says what becomes of the command."""
+    if isinstance(error, ModuleNotFoundError):
+        return advice_for(error) or str(error)
+    if not isinstance(error, OSError):
+        return str(error) if command is None else in_options(str(error), command)
+    if not is_disk_error(error):
+        return str(error)
+    where = "a file" if error.filename is None else error.filename
+    resumes = f". {_after_interrupt(command)}" if isinstance(command, RESUMABLE) else ""
+    return f"{where} cannot be written: {error.strerror}{resumes}"
 
 
 def _is_closed_pipe(stream: TextIO) -> bool:
@@ -116,6 +136,12 @@ def _is_closed_pipe(stream: TextIO) -> bool:
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """A warning as a line, without the place in the code that it came from."""
     print(f"Warning: {message}", file=sys.stderr)
+
+
+def _show_thread_error(arguments: threading.ExceptHookArgs) -> None:
+    """Show an error that ended a thread, unless it is of the disk: whoever waits for the thread raises that again."""
+    if arguments.exc_value is None or not is_disk_error(arguments.exc_value):
+        threading.__excepthook__(arguments)
 
 
 def _parse(arguments: list[str]) -> Any:
@@ -181,15 +207,18 @@ def _after_interrupt(command: Any) -> str:
         if step is not None:
             return f"The same command resumes from step {step:,}."
         return "There was no checkpoint yet; the same command starts from the beginning."
-    if isinstance(command, Bench | EncoderTrain | EncoderStudy):
+    if isinstance(command, RESUMABLE):
         return "The same command resumes from the last checkpoint."
     return "Nothing was saved; the same command starts from the beginning."
 
 
 def _is_expected(error: Exception) -> bool:
-    """Whether an error says what is wrong with what it was given: our own, or the system's of a file."""
-    known = isinstance(error, UsageError) or (isinstance(error, OSError) and error.filename is not None)
-    return known or type(error).__module__.split(".")[0] == "thalweg"
+    """Whether an error says what is wrong with what it was given: our own, the system's of a file, or that of a module
+    which an extra of the package installs."""
+    if isinstance(error, ModuleNotFoundError):
+        return advice_for(error) is not None
+    of_file = isinstance(error, OSError) and (error.filename is not None or is_disk_error(error))
+    return of_file or isinstance(error, UsageError) or type(error).__module__.split(".")[0] == "thalweg"
 
 
 def _check_seeds(command: Any) -> None:

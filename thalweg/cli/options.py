@@ -22,8 +22,8 @@ class UsageError(ValueError):
 class RiverFile:
     """Options for a real river, used instead of a level."""
 
-    geojson: Path | None = None
-    """GeoJSON file of a real river's centre line, used instead of a level; the width is a property of the line."""
+    river: Annotated[Path | None, arg(aliases=["--geojson"])] = None
+    """File of a real river, used instead of a level: GeoJSON, Overpass JSON, GPX or KML; see docs/your-river.md."""
     width_m: float | None = None
     """Width in metres, used where the file has none."""
     start_m: float | None = None
@@ -32,6 +32,16 @@ class RiverFile:
     """Length of the reach in metres; by default to the end of the line."""
     smooth_m: float | None = None
     """Smooth the line by a Gaussian with this standard deviation in metres."""
+    crs: str | None = None
+    """Coordinate reference system of a GeoJSON file that names none, or a wrong one, such as EPSG:25832."""
+    river_name: str | None = None
+    """Name of the river, in a file with several."""
+    reverse: bool = False
+    """Fly the line from its end to its beginning."""
+    flat_water: bool = False
+    """Ignore elevations in the file: the water is level."""
+    open_water: bool = False
+    """Leave out the bridges and islands of the file."""
 
     def reach(self, level_option: str, level: str | Sequence[str] | None) -> Any:
         """Return the selected `thalweg.world.Reach`, or None if no file is given.
@@ -40,31 +50,34 @@ class RiverFile:
         where there is none.
         """
         options = self._given()
-        if self.geojson is None:
+        if self.river is None:
             if options:
-                raise UsageError(f"--{min(options).replace('_', '-')} goes with --geojson")
+                raise UsageError(f"--{min(options).replace('_', '-')} goes with --river")
             return None
         if level:
             named = level if isinstance(level, str) else " ".join(level)
-            raise UsageError(f"give {level_option} or --geojson, not both: {named} and {self.geojson}")
+            raise UsageError(f"give {level_option} or --river, not both: {named} and {self.river}")
         from thalweg.world import Reach
 
-        return Reach(self.geojson, **options)
+        return Reach(self.river, **options)
 
     def words(self) -> list[str]:
         """Return the options as command line arguments; empty if no file is given."""
-        if self.geojson is None:
+        if self.river is None:
             return []
-        given = [
-            (f"--{name.replace('_', '-')}", repr(float(value)) if value % 1 else f"{value:.0f}")
-            for name, value in self._given().items()
-        ]
-        return ["--geojson", str(self.geojson), *(word for pair in given for word in pair)]
+        words = ["--river", str(self.river)]
+        for name, value in self._given().items():
+            words.append(f"--{name.replace('_', '-')}")
+            if isinstance(value, str):
+                words.append(value)
+            elif not isinstance(value, bool):
+                words.append(repr(float(value)) if value % 1 else f"{value:.0f}")
+        return words
 
-    def _given(self) -> dict[str, float]:
+    def _given(self) -> dict[str, Any]:
         """Return the options that are given besides the file itself."""
         values = {field.name: getattr(self, field.name) for field in fields(self)[1:]}
-        return {name: value for name, value in values.items() if value is not None}
+        return {name: value for name, value in values.items() if value is not None and value is not False}
 
 
 River = Annotated[RiverFile, arg(name="")]
@@ -94,6 +107,16 @@ def check_file(option: str, path: Path, *endings: str) -> None:
         raise UsageError(f"{option} {path} cannot be written: {home} is not a folder")
     if not os.access(home, os.W_OK | os.X_OK):
         raise UsageError(f"{option} {path} cannot be written: no permission to write into {home}")
+
+
+def checked_task(name: str) -> Any:
+    """Return the name of a task; raises `UsageError`, which lists the tasks, for another."""
+    from thalweg.core.suggestion import did_you_mean
+    from thalweg.env.tasks import TASKS
+
+    if name not in TASKS:
+        raise UsageError(f"unknown task {name!r}{did_you_mean(name, TASKS)}; known: {', '.join(TASKS)}")
+    return name
 
 
 def whole_number(text: str) -> int:

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from thalweg.cli.options import NO_FILE, POSE, River, UsageError, check_file, load_world
-from thalweg.core.atomic_io import atomic_path
+from thalweg.cli.options import NO_FILE, POSE, River, UsageError, check_file, checked_task, load_world
+from thalweg.core.atomic_io import write_picture
 
+LIMITS_PX = 16, 2048
+"""Least and greatest height of a camera's frame, see `thalweg.render.Camera`."""
 PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 
 
@@ -18,7 +20,7 @@ class RenderFrames:
     level: str | None = None
     """Easy, Medium or Hard. Medium by default."""
     seed: int | None = None
-    """Seed of the river; by default the fixed river of the level. With --geojson: of its plants and hills."""
+    """Seed of the river; by default the fixed river of the level. With --river: of its plants and hills."""
     river: River = NO_FILE
     pose: POSE | None = None
     """Pose of the camera: x, y, z in metres and yaw in radians; random poses by default."""
@@ -28,6 +30,8 @@ class RenderFrames:
     """Number of poses."""
     poses_seed: int = 0
     """Seed of the random poses, or of the pilot's flights."""
+    task: str = "River"
+    """Swimmers, Nests or Portage: also draw what stands in the river for this task, by --poses-seed."""
     size: int = 128
     """Height and width of a frame in pixels."""
     quality: Literal["full", "fast"] = "full"
@@ -56,8 +60,9 @@ class RenderFrames:
         """Raise `UsageError` for options that do not go together, or a picture that cannot be written."""
         if self.count < 1:
             raise UsageError(f"--count must be at least 1, not {self.count}")
-        if self.size < 1:
-            raise UsageError(f"--size must be at least 1, not {self.size}")
+        least, most = LIMITS_PX
+        if not least <= self.size <= most:
+            raise UsageError(f"--size must be from {least} to {most}, not {self.size}")
         if self.gallery and (self.frames is not None or self.quality != "full"):
             raise UsageError("--gallery draws one view in the full quality: leave out --frames and --quality")
         if self.pose is not None and self.poses != "random":
@@ -91,22 +96,33 @@ class RenderFrames:
     def _write_gallery(self, world: Any, pose: Any) -> None:
         from thalweg.bench.pictures.gallery import gallery
 
-        with atomic_path(self.out) as draft:
-            gallery(world, pose, self._camera).save(draft)
+        write_picture(self.out, gallery(world, pose, self._camera))
         print(f"{self.out}: the ranges of domain randomisation in {world.name}, seed {world.seed}")
 
     def _write_frames(self, world: Any, poses: Any) -> None:
         from thalweg.bench.pictures.contact_sheet import contact_sheet, write_frames
         from thalweg.render import Renderer
 
-        frames = Renderer([world], self._camera, self.quality).render(poses)
+        frames = Renderer([world], self._camera, self.quality).render(poses, **self._props(world, poses))
         if self.frames is not None:
             write_frames(self.frames, frames)
-        with atomic_path(self.out) as draft:
-            contact_sheet(frames).save(draft)
+        write_picture(self.out, contact_sheet(frames))
         for x, y, z, yaw in poses:
             print(f"--pose {x:.3f} {y:.3f} {z:.3f} {yaw:.4f}")
         print(f"{self.out}: {len(frames)} frames of {world.name}, seed {world.seed}")
+
+    def _props(self, world: Any, poses: Any) -> dict[str, Any]:
+        """Return the objects [K, P, 6] of the task about poses [K, 4] for the renderer, if there are any."""
+        from thalweg.env import EnvConfig, RiverVectorEnv
+
+        if self.task == "River":
+            return {}
+        rules = EnvConfig(observation="none", task=checked_task(self.task))
+        env = RiverVectorEnv(world, len(poses), rules)
+        env.reset(seed=self.poses_seed)
+        env.state.pose[:] = poses
+        props = env.props()
+        return {} if props is None else {"props": props}
 
     @property
     def _camera(self) -> Any:

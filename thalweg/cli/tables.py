@@ -1,6 +1,7 @@
 """Results on the terminal: the paper's table and the details beside it."""
 
 from rich.console import Console
+from rich.measure import Measurement
 from rich.table import Column, Table
 
 from thalweg.bench.report.published import SOURCE
@@ -10,6 +11,7 @@ from thalweg.bench.results.results import Results
 
 WIDTH = 120
 """Characters in a line of output where there is no terminal."""
+UNLIMITED = 10_000
 
 
 def make_console() -> Console:
@@ -23,13 +25,19 @@ def _column(heading: str, index: int) -> Column:
 
 
 def print_tables(console: Console, results: Results, *, detail: bool = True) -> None:
-    """The paper's table, and with `detail` what it leaves out."""
+    """The paper's table, and with `detail` what it leaves out.
+
+    Where there is no terminal, lines are as long as the widest table needs; a narrow terminal breaks cells.
+    """
     texts = [paper_table(results).text] + ([detail_table(results).text] if detail else [])
     for text in texts:
         table = Table(*map(_column, text.columns, range(len(text.columns))))
         for row in text.itertuples(index=False, name=None):
             published = is_published(row[0])
             table.add_row("published *" if published else row[0], *row[1:], style="dim" if published else None)
+        if not console.is_terminal:
+            whole = Measurement.get(console, console.options.update(max_width=UNLIMITED), table).maximum
+            console.width = max(console.width, whole)
         console.print(table)
     if any(map(is_published, texts[0].iloc[:, 0])):
         console.print(f"* {SOURCE}: measured in another simulator, on other rivers", highlight=False)

@@ -1,13 +1,15 @@
 """`thalweg train`: training of a policy on a river, from codes of an encoder, images or the privileged observation."""
 
+import json
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from thalweg.cli.options import NO_FILE, River, UsageError, settings_from
+from thalweg.cli.options import NO_FILE, River, UsageError, checked_task, settings_from
 from thalweg.cli.run_result import print_result
+from thalweg.core.config import to_plain
 from thalweg.core.seeds import parse_seeds
 
 if TYPE_CHECKING:
@@ -31,6 +33,10 @@ class Train:
     rivers_in_memory: int | None = None
     """Greatest number of rivers in memory, if they change; by default as many as fit into half of the free memory."""
     river: River = NO_FILE
+    task: str = "River"
+    """River, that of the paper, or Swimmers, Nests, RacingLine or Portage, in which each step may have a cost."""
+    hard: bool = False
+    """End an episode at the first cost of the task; not for River."""
     steps: int = 200_000
     """Steps of training, over all environments together."""
     seed: int = 0
@@ -42,7 +48,7 @@ class Train:
     proprioception: bool = False
     """Beside codes or the privileged observation, also height, velocities, yaw rate and the last action."""
     encoder: Path | None = None
-    """File of the encoder; by default the one that comes with the package. For `frames` without policy=cnn only."""
+    """Encoder file, or folder of `encoder train`, for `frames` without policy=cnn; by default that of the package."""
     preset: str = "default"
     """`default`, or `paper` for the settings of the study, as far as they are known."""
     set: tuple[str, ...] = ()
@@ -58,14 +64,16 @@ class Train:
 
     def run(self) -> int:
         from thalweg.algos.registry import algorithm_named
+        from thalweg.env import EnvConfig
         from thalweg.train.river import RiverTraining, load_compatible_encoder
 
         settings = settings_from(self.set)
         algorithm = algorithm_named(self.algorithm)
         river = self.river.reach("--level", self.level) or self.level or ("Medium",)
         seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError)
+        rules = EnvConfig(task=checked_task(self.task), hard=self.hard)
         training = RiverTraining(
-            river, self.num_envs, seeds, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory
+            river, self.num_envs, seeds, rules, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory
         )
         self._check_settings(algorithm, settings)
         images = settings.get("policy") == "cnn"
@@ -109,4 +117,8 @@ class Train:
         try:
             algorithm.configure(settings, self.preset, self.num_envs)
         except AlgorithmError as error:
-            raise UsageError(f"--set {shlex.join(self.set)}: {error}") from error
+            default = algorithm.configure({}, self.preset, self.num_envs)
+            wrong = [name for name in settings if str(error).startswith(f"{name} must ")]
+            values = [json.dumps(to_plain(getattr(default, name))) for name in wrong]
+            to_try = f"; such as --set {wrong[0]}={values[0]}" if wrong else ""
+            raise UsageError(f"--set {shlex.join(self.set)}: {error}{to_try}") from error

@@ -13,7 +13,7 @@ class DrawWorld:
     level: str | None = None
     """Easy, Medium or Hard. Medium by default."""
     seed: int | None = None
-    """Seed of the river; by default the fixed river of the level. With --geojson: of its plants and hills."""
+    """Seed of the river; by default the fixed river of the level. With --river: of its plants and hills."""
     river: River = NO_FILE
     out: Path = Path("map.png")
     """Picture to write, a .png file; an existing one is replaced."""
@@ -30,9 +30,12 @@ class DrawWorld:
             check_file("--save", self.save, ".npz")
             if self.save.exists() and not self.overwrite:
                 raise UsageError(f"--save {self.save} exists already; name a new file, or add --overwrite")
+        reach = self.river.reach("--level", self.level)
         world = load_world(self.river, self.level, self.seed)
         draw(world, self.out)
         print(f"{self.out}: {world.name}, seed {world.seed}, a course of {world.river.length_m:.0f} m")
+        if reach is not None:
+            print("".join(f"{reach.name}: {note}\n" for note in reach.notes()), end="")
         if self.save is not None:
             world.save(self.save)
             print(f"{self.save}: the world")

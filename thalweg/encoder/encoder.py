@@ -21,7 +21,7 @@ from torch import Tensor, nn
 
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import run_in_torch_threads
-from thalweg.encoder.files import EncoderFileError, load_vae
+from thalweg.encoder.files import EncoderFileError, encoder_file, load_vae
 from thalweg.encoder.leaky_convolution import LeakyConvolution
 from thalweg.encoder.mask_layers import encode_masks, mask_layers, output_shape
 from thalweg.encoder.vae import VAE, EncoderInputError
@@ -137,11 +137,14 @@ class Encoder:
 
     def _check(self, shape: tuple[int, ...], dtype: Any) -> None:
         size, channels = self.config.size_px, self.config.channels
-        if len(shape) != 4 or shape[1:3] != (size, size) or shape[3] not in (len(channels), 4):
+        if len(shape) == 4 and shape[1:3] != (size, size):
             raise EncoderInputError(
-                f"an encoder of {self.inputs} takes frames [N, {size}, {size}, {len(channels)}]"
-                f" or [N, {size}, {size}, 4], not {list(shape)}"
+                f"this encoder takes frames of {size} x {size} pixels, not of {shape[1]} x {shape[2]} (height x width):"
+                f" set height_px and width_px of the camera to {size}, or use another encoder"
             )
+        if len(shape) != 4 or shape[3] not in (len(channels), 4):
+            counts = " or ".join(f"[N, {size}, {size}, {count}]" for count in dict.fromkeys((len(channels), 4)))
+            raise EncoderInputError(f"an encoder of {self.inputs} takes frames {counts}, not {list(shape)}")
         if dtype not in (np.uint8, torch.uint8):
             raise EncoderInputError(f"frames must be uint8, not {dtype}")
 
@@ -175,12 +178,14 @@ def fold_batch_norms(vae: VAE) -> tuple[list[nn.Conv2d], nn.Linear]:
 def load_encoder(
     path: str | Path | None = None, *, latent: int | None = None, precision: str = "float32", device: str = "cpu"
 ) -> Encoder:
-    """Load the encoder of a file, by default that of the package; `latent` is the required code size, if any.
+    """Load the encoder of a file, or of the folder of a run that trained it, by default that of the package.
+
+    `latent` is the required code size, if any.
 
     Raises `EncoderFileError` for a file that is missing, truncated, foreign, of another version or code size, and
     `DeviceError` for an unusable device.
     """
-    path, device = DEFAULT_PATH if path is None else Path(path), resolve_device(device)
+    path, device = encoder_file(DEFAULT_PATH if path is None else path), resolve_device(device)
     vae, about = load_vae(path)
     if latent is not None and vae.config.latent != latent:
         raise EncoderFileError(f"{path}: encodes to {vae.config.latent} numbers, but {latent} are needed")

@@ -20,6 +20,8 @@ from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig
 
 FORMAT = 1
 """Version of the file format: a file of another version is refused."""
+FILE = "encoder.safetensors"
+"""Name of the file in the folder of a run that trains an encoder."""
 KEY = "thalweg"
 """Key of the JSON text in the metadata of a safetensors file; a single key keeps the bytes deterministic."""
 
@@ -80,6 +82,20 @@ def load_vae(path: str | Path) -> tuple[VAE, dict[str, Any]]:
             raise EncoderFileError(f"{path}: tensor {name} holds numbers that are not finite")
     vae.load_state_dict({name: tensor.to(vae.state_dict()[name].dtype) for name, tensor in tensors.items()})
     return vae.eval(), about
+
+
+def encoder_file(path: str | Path) -> Path:
+    """Return the encoder's file in the folder of a run that trained one, or the path of a file itself.
+
+    Raises `EncoderFileError` for a folder without one.
+    """
+    path = Path(path)
+    if path.is_dir() and not (path / FILE).is_file():
+        raise EncoderFileError(
+            f"{path}: a folder without {FILE}, which `thalweg encoder train` writes when it ends; give such a folder,"
+            " or an encoder's file"
+        )
+    return path / FILE if path.is_dir() else path
 
 
 def config_of(path: str | Path, about: Mapping[str, Any]) -> VAEConfig:

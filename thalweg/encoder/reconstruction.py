@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from PIL import Image, ImageDraw
 
-from thalweg.core.atomic_io import atomic_path
+from thalweg.core.atomic_io import write_picture
 from thalweg.encoder.encoder import Encoder
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig
 
@@ -102,8 +102,7 @@ def draw_reconstructions(images: np.ndarray, encoders: Encoder | Mapping[str, En
                 Image.fromarray(np.ascontiguousarray(picture)),
                 (FIGURE_GAP_PX + column * (width + FIGURE_GAP_PX), top + FIGURE_LABEL_PX),
             )
-    with atomic_path(path) as draft:
-        figure.save(draft, format="PNG")
+    write_picture(path, figure)
 
 
 def _grey(mask: np.ndarray) -> np.ndarray:

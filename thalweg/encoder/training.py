@@ -22,7 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.run_folder import FolderKind
-from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, save_vae, write_tensors
+from thalweg.encoder.files import FILE, FORMAT, EncoderFileError, read_tensors, save_vae, write_tensors
 from thalweg.encoder.reconstruction import check_images, mean_image_mse, reconstruction_mse, to_batch
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig, vae_loss
 
@@ -117,7 +117,7 @@ def train_encoder(
             state.save(folder / "checkpoint.safetensors", rows)
             _write_rows(folder / "metrics.csv", rows)
             bar.update(task, advance=1, note=f"{speed:.0f} images/s, mse {row['mse']:.5f}, kl {row['kl']:.2f}")
-    return _write_encoder(folder / "encoder.safetensors", state, train_images, held_out_images, rows, source)
+    return _write_encoder(folder / FILE, state, train_images, held_out_images, rows, source)
 
 
 def split_indices(count: int, held_out: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,6 @@
 """The river task as a constrained Markov decision process: a Gymnasium `Env` and `VectorEnv`."""
 
-from thalweg.env.config import ConfigError, DoneReason, EnvConfig
+from thalweg.env.config import ConfigError, DoneReason, EnvConfig, UnknownOptionError
 from thalweg.env.env import RiverEnv
 from thalweg.env.factory import make_single, make_vector
 from thalweg.env.initial_poses import UnsafePoseError, sample_starts
@@ -16,6 +16,7 @@ __all__ = [
     "RiverEnv",
     "RiverVectorEnv",
     "StateError",
+    "UnknownOptionError",
     "UnsafePoseError",
     "make_single",
     "make_vector",

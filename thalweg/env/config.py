@@ -5,6 +5,7 @@ Quantities that follow from a world, such as its length, are in `thalweg.env.tas
 
 import math
 import operator
+from collections.abc import Iterable
 from dataclasses import asdict, field, fields, replace
 from enum import IntEnum
 from typing import Annotated, Any, Literal, NamedTuple, Self
@@ -19,6 +20,7 @@ from thalweg.env.physics.feasible import check_forces
 from thalweg.env.physics.inertia import Inertia
 from thalweg.env.physics.ranges import FromNumber, InOrder
 from thalweg.env.physics.wind import Wind
+from thalweg.env.tasks import TASKS, Task, TaskName, TaskRules
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
@@ -29,6 +31,23 @@ Dynamics = Literal["kinematic", "inertial"]
 Current = Annotated[PairOf[FiniteNonNegative], FromNumber, InOrder]
 FORCE_FIELDS = ("dynamics", "inertia", "wind", "current_m_per_s", "carried_by_current")
 """Fields that `EnvConfig.as_data` leaves out at their defaults, so that the data of older configs stays the same."""
+
+
+class UnknownOptionError(ConfigError, TypeError):
+    """An unknown option of an environment; a `TypeError` too, as of any function that is given an unknown argument.
+
+    Other libraries look for Python's own words in it, such as TorchRL for "unexpected keyword argument 'frameskip'".
+    """
+
+
+def check_options(given: Iterable[str], known: Iterable[str]) -> None:
+    """Raise `UnknownOptionError`, which lists the known ones, for an option that is not among them."""
+    known = list(known)
+    try:
+        refuse_unknown("option", given, known, ConfigError)
+    except ConfigError as error:
+        first = min(set(given) - set(known))
+        raise UnknownOptionError(f"unexpected keyword argument {first!r}: {error}") from None
 
 
 def integer_at_least(name: str, value: object, least: int) -> int:
@@ -56,6 +75,8 @@ class DoneReason(IntEnum):
     IDLE = 4
     MAX_STEP_REACHED = 5
     SUCCESS = 6
+    COST_INCURRED = 7
+    """The first cost of a task ended the episode, see `EnvConfig.hard`; not in the original package."""
 
     @property
     def label(self) -> str:
@@ -83,6 +104,7 @@ class Limits(NamedTuple):
     """1: the reward is proportional to the share of segments a step visits; 0: it is 1 for any new segment."""
     tight_cost: float
     loose_cost: float
+    task: TaskRules
 
 
 def _default_ranges(value: Any) -> Any:
@@ -99,6 +121,11 @@ Ranges = Annotated[InstanceOf[Randomisation] | None, BeforeValidator(_default_ra
 class EnvConfig:
     """The task: motion, limits, observation, reward, cost and termination."""
 
+    task: TaskName = "River"
+    """Task: `River`, that of the paper; in `Swimmers`, `Nests`, `RacingLine` and `Portage` each step may have a cost,
+    and the greatest return breaks the limit (`thalweg.env.tasks`)."""
+    hard: bool = False
+    """Whether the first cost of the task ends the episode; `River` has none but those of endings."""
     observation: Observation = "rgb+mask"
     """Observation: `rgb+mask` (4 channels), `rgb`, `mask`, which draws no colours and is several times as fast, `dict`
     (keys rgb and mask). Without frames: `privileged`, what a perfect camera could tell
@@ -179,6 +206,30 @@ class EnvConfig:
         return self
 
     @model_validator(mode="after")
+    def _options_fit_the_task(self) -> Self:
+        if self.task == "River":
+            if self.hard:
+                raise ValueError("hard must be False in the task River, whose costs all end the episode; got True")
+        elif self.reward_scheme != "paper":
+            raise ValueError(f"reward_scheme must be paper in the task {self.task}, got {self.reward_scheme}")
+        fast = TASKS[self.task].fast_step_m
+        if fast and self.allow_backward:
+            raise ValueError(
+                f"allow_backward must be False in the task {self.task}, in which that option is a fast step; got True"
+            )
+        if fast and self.forward_step_m >= fast:
+            raise ValueError(
+                f"forward_step_m must be below the fast step of the task {self.task}, {fast:g} m; got"
+                f" {self.forward_step_m:g}"
+            )
+        if fast and self.dynamics == "inertial":
+            raise ValueError(
+                f"dynamics must be kinematic in the task {self.task}, which has a fast step, that is no velocity; got"
+                " inertial"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _velocities_have_a_duration(self) -> Self:
         if "proprioception" in self.parts and not self.step_s > 0:
             raise ValueError(f"step_s must be above 0 for proprioception, which has velocities, got {self.step_s}")
@@ -195,15 +246,29 @@ class EnvConfig:
 
     def with_options(self, **options: Any) -> "EnvConfig":
         """Return a copy with some fields changed; raises `ConfigError` for an unknown key and lists the known ones."""
-        refuse_unknown("option", options, (entry.name for entry in fields(self)), ConfigError)
+        check_options(options, (entry.name for entry in fields(self)))
         return replace(self, **options)
 
     def as_data(self) -> dict[str, Any]:
         """Return what defines the task as plain data: all fields but `critic_info`, which nothing in it depends on, and
-        those of `FORCE_FIELDS` that have their defaults."""
-        left_out = {name for name in FORCE_FIELDS if getattr(self, name) == getattr(DEFAULT_CONFIG, name)}
+        those of `FORCE_FIELDS` that have their defaults.
+
+        The paper's task is that of data without `task` and `hard`: earlier versions knew no other.
+        """
+        left_out = {"critic_info"} | ({"task", "hard"} if self.task == "River" else set())
+        left_out |= {name for name in FORCE_FIELDS if getattr(self, name) == getattr(DEFAULT_CONFIG, name)}
         parts = {} if isinstance(self.observation, str) else {"observation": list(self.observation)}
-        return {name: value for name, value in asdict(self).items() if name not in {"critic_info"} | left_out} | parts
+        return {name: value for name, value in asdict(self).items() if name not in left_out} | parts
+
+    @property
+    def task_record(self) -> Task:
+        """What is particular to the task."""
+        return TASKS[self.task]
+
+    @property
+    def fast_ratio(self) -> float:
+        """Length of a fast step, in steps forward; 0 in a task without one."""
+        return self.task_record.fast_step_m / self.forward_step_m
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -251,6 +316,7 @@ class EnvConfig:
             int(self.reward_scheme == "paper"),
             self.tight_cost,
             self.loose_cost,
+            self.task_record.rules(hard=self.hard),
         )
 
 

@@ -13,9 +13,6 @@ from thalweg.env.vector_env import RiverVectorEnv
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
 
-SCALARS = {"cost": float, "done_reason": int, "progress": float}
-"""Entries of the info of one environment that are plain numbers; the others are arrays."""
-
 
 class RiverEnv(gymnasium.Env):
     """One environment in one world; `info` has the keys of `RiverVectorEnv` without the leading dimension."""
@@ -35,6 +32,7 @@ class RiverEnv(gymnasium.Env):
         self.vector = RiverVectorEnv(
             [world], 1, config, renderer=renderer, autoreset_mode=AutoresetMode.DISABLED, render_mode=render_mode
         )
+        self.cost_kinds = self.vector.cost_kinds
         self.metadata = {**self.metadata, "render_fps": self.vector.metadata["render_fps"]}
         self.render_mode = render_mode
         self.observation_space = self.vector.single_observation_space
@@ -95,9 +93,8 @@ class RiverEnv(gymnasium.Env):
 
 
 def _single(info: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the info of a vector of one without the leading dimension and without Gymnasium's masks."""
-    return {
-        key: SCALARS[key](value[0]) if key in SCALARS else value[0].copy()
-        for key, value in info.items()
-        if not key.startswith("_")
-    }
+    """Return the info of a vector of one without the leading dimension and without Gymnasium's masks.
+
+    Numbers are NumPy's scalars, of which other libraries read the type.
+    """
+    return {key: value[0].copy() for key, value in info.items() if not key.startswith("_")}

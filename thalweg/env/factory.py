@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from gymnasium.vector import AutoresetMode
 
-from thalweg.core.config import refuse_unknown
 from thalweg.core.seeds import parse_seeds
-from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, integer_at_least
+from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, check_options, integer_at_least
 from thalweg.env.env import RiverEnv
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.vector_env import RiverVectorEnv
@@ -33,7 +32,8 @@ def make_single(
 ) -> RiverEnv:
     """Create one environment in a river of the level: its fixed one, that of `world_seed`, or a given `world`.
 
-    Further options are fields of `EnvConfig`; raises `ConfigError` for an unknown one and lists the known.
+    Further options are fields of `EnvConfig`; raises `UnknownOptionError`, a `ConfigError` and a `TypeError`, for an
+    unknown one, and lists the known.
     """
     config = _with_options(config, options, ("world", "world_seed", "renderer", "render_mode", "config"))
     _start_compilation(config)
@@ -60,7 +60,8 @@ def make_vector(
     `world_seeds` is a list of seeds, a `range`, or a text such as "0 5 1000:1016". With `rivers="fixed"` environment i
     stays in river i modulo their number; with "episode" each episode is flown in a random one.
 
-    Further options are fields of `EnvConfig`; raises `ConfigError` for an unknown one and lists the known.
+    Further options are fields of `EnvConfig`; raises `UnknownOptionError`, a `ConfigError` and a `TypeError`, for an
+    unknown one, and lists the known.
     """
     arguments = ("num_envs", "worlds", "world_seeds", "rivers", "renderer", "autoreset_mode", "render_mode", "config")
     config = _with_options(config, options, arguments)
@@ -112,8 +113,8 @@ make_single.metadata = RiverEnv.metadata  # pyright: ignore[reportFunctionMember
 
 
 def _with_options(config: EnvConfig, options: dict[str, Any], arguments: Sequence[str]) -> EnvConfig:
-    """Return the config with some fields changed; raises `ConfigError` for an unknown option."""
-    refuse_unknown("option", options, [*arguments, *(field.name for field in fields(config))], ConfigError)
+    """Return the config with some fields changed; raises `UnknownOptionError` for an unknown option."""
+    check_options(options, [*arguments, *(field.name for field in fields(config))])
     return config.with_options(**options)
 
 

@@ -37,6 +37,10 @@ class Views(NamedTuple):
     segment: np.ndarray
     """[M] int64, of the course, and the direction of travel along it; see `thalweg.env.task.rules.State`."""
     travel: np.ndarray
+    steps: np.ndarray
+    """[M] int64, and what the task keeps; see `State`."""
+    scene: np.ndarray
+    station: np.ndarray
     wind: np.ndarray | None = None
     """[M, 2] float64, m/s towards east and north: the mean wind of the episode; None is no wind."""
     proprioception: np.ndarray | None = None
@@ -116,7 +120,8 @@ class FrameRenderer:
 
     def views(self, state: State, rows: np.ndarray | slice = slice(None)) -> Views:
         """Return copies of what the environments `rows` see in a state."""
-        values = state.pose, state.world, state.time_s, self.look, self.sun, state.segment, state.travel, self.wind
+        seen = state.pose, state.world, state.time_s, self.look, self.sun, state.segment, state.travel
+        values = *seen, state.steps, state.scene, state.station, self.wind
         return Views(*(a[rows].copy() for a in values))
 
     def camera_matrices(self, poses: np.ndarray) -> CameraMatrices:
@@ -124,37 +129,37 @@ class FrameRenderer:
         look = dict(zip(PARAMETERS, self.look.T, strict=True))
         return self.camera.camera_matrices(poses, look["pitch_deg"], look["fov_deg"])
 
-    def render_masks(self, views: Views) -> np.ndarray:
-        """Return new masks [M, H, W, 1] uint8 of the views, the fourth channel of their frames."""
+    def render_masks(self, views: Views, props: np.ndarray | None = None) -> np.ndarray:
+        """Return new masks [M, H, W, 1] uint8 of the views, the fourth channel of their frames; props: as in
+        `render`."""
         # A renderer of someone else's may draw nothing but whole frames.
         if not hasattr(self._drawer(), "render_mask"):
-            return self.render(views)[..., 3:].copy()
-        if self.randomisation is None:
-            return self._drawer().render_mask(views.pose, views.world)[..., None]
-        lit_world = views.world * self.lights + views.sun
-        return self._drawer().render_mask(views.pose, lit_world, look=views.look)[..., None]
+            return self.render(views, props)[..., 3:].copy()
+        return self._drawer().render_mask(views.pose, self._lit_world(views), **self._options(views, props))[..., None]
 
-    def render(self, views: Views) -> np.ndarray:
-        """Return new frames [M, H, W, 4] uint8 of the views."""
+    def render(self, views: Views, props: np.ndarray | None = None) -> np.ndarray:
+        """Return new frames [M, H, W, 4] uint8 of the views; props [M, P, 6]: the objects of a task in each."""
         out = np.empty((len(views.pose), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
-        blown = self._blown(views)
-        if self.randomisation is None:
-            return self._drawer().render(views.pose, views.world, views.time_s, out, **blown)
-        lit_world = views.world * self.lights + views.sun
-        return self._drawer().render(views.pose, lit_world, views.time_s, out, look=views.look, **blown)
+        world = self._lit_world(views)
+        return self._drawer().render(views.pose, world, views.time_s, out, **self._options(views, props, windy=True))
 
-    def _blown(self, views: Views) -> dict[str, Any]:
-        """Return the wind as the renderer takes it by name; a renderer of someone else's may show none."""
-        shown = self._windy and "wind" in signature(self._drawer().render).parameters
-        return {"wind": views.wind} if shown else {}
+    def _lit_world(self, views: Views) -> np.ndarray:
+        """Return the index [M] of the world of each view in its light."""
+        return views.world if self.randomisation is None else views.world * self.lights + views.sun
 
-    def render_layers(self, views: Views, layers: "Collection[Layer]") -> "Frame":
-        """Return new `Frame`s of the views with these layers; nothing is drawn that they do not need."""
-        blown = self._blown(views)
-        if self.randomisation is None:
-            return self._drawer().render_layers(views.pose, views.world, views.time_s, layers=layers, **blown)
-        lit_world = views.world * self.lights + views.sun
-        return self._drawer().render_layers(views.pose, lit_world, views.time_s, views.look, layers, **blown)
+    def _options(self, views: Views, props: np.ndarray | None, *, windy: bool = False) -> dict[str, Any]:
+        """Return what is given to the renderer by name: only what there is, as another renderer may know less; `windy`:
+        the wind too, if the renderer shows any."""
+        looks: dict[str, Any] = {} if self.randomisation is None else {"look": views.look}
+        if windy and self._windy and "wind" in signature(self._drawer().render).parameters:
+            looks["wind"] = views.wind
+        return looks if props is None else {**looks, "props": props}
+
+    def render_layers(self, views: Views, layers: "Collection[Layer]", props: np.ndarray | None = None) -> "Frame":
+        """Return new `Frame`s of the views with these layers; nothing is drawn that they do not need; props: as in
+        `render`."""
+        world, options = self._lit_world(views), self._options(views, props, windy=True)
+        return self._drawer().render_layers(views.pose, world, views.time_s, layers=layers, **options)
 
     def _drawer(self) -> Any:
         """Return the renderer, which is created when it is first needed."""

@@ -10,15 +10,14 @@ import numpy as np
 
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DEFAULT_CONFIG, EnvConfig, Limits
+from thalweg.env.task.ashore import project_anywhere
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.motion import Pose, wrap_angle
 from thalweg.env.task.progress import (
-    Projection,
     course_direction,
     interpolate,
     last_segment,
-    nearest_on_segment,
-    sample_rows,
+    projection_at,
     track_projection,
 )
 from thalweg.env.task.termination import (
@@ -43,24 +42,6 @@ class UnsafePoseError(ValueError):
 
 
 @kernel(fastmath=False, allocates=False)
-def project_anywhere(courses, world, x, y):
-    """Return the `Projection` of any point, searched along the whole course.
-
-    Where two arms lie side by side, the one between whose banks the point lies deepest counts.
-    """
-    deepest = 1.0e300
-    segment = 0
-    for candidate in range(courses.segments[world]):
-        squared, fraction = nearest_on_segment(courses, world, candidate, x, y)
-        depth = metres_past_bank(courses, world, Projection(candidate, fraction, math.sqrt(squared)))
-        if depth < deepest:
-            deepest = depth
-            segment = candidate
-    _, projection = track_projection(courses, world, segment, x, y)
-    return projection
-
-
-@kernel(fastmath=False, allocates=False)
 def travel_direction(courses, world, projection, yaw):
     """Return the direction along the course, 1 or -1, that is closer to a heading."""
     return 1 if yaw_deviation(courses, world, projection, yaw, 1) <= 0.5 * math.pi else -1
@@ -70,21 +51,7 @@ def travel_direction(courses, world, projection, yaw):
 def propose_start(courses, world, limits, spread, draws):
     """Return (`Pose`, segment) of a random start from uniform numbers draws [DRAWS], before any check; `spread` in
     radians."""
-    # Bisection for the segment that contains the drawn arc length.
-    target = draws[0] * courses.length[world]
-    low = 0
-    high = courses.segments[world] - 1
-    first = courses.first_sample[world]
-    while low < high:
-        middle = (low + high + 1) // 2
-        if courses.arc[first + middle] <= target:
-            low = middle
-        else:
-            high = middle - 1
-    a, b = sample_rows(courses, world, low)
-    end = courses.length[world] if b < a else courses.arc[b]
-    fraction = min(max((target - courses.arc[a]) / (end - courses.arc[a]), 0.0), 1.0)
-    centre = Projection(low, fraction, 0.0)
+    centre = projection_at(courses, world, draws[0] * courses.length[world])
     course = course_direction(courses, world, centre)
     side = (draws[1] - 0.5) * interpolate(courses, world, centre, courses.width)
     x = interpolate(courses, world, centre, courses.position[:, 0]) - side * math.sin(course)
@@ -95,7 +62,7 @@ def propose_start(courses, world, limits, spread, draws):
         + draws[2] * (limits.max_height - limits.min_height)
     )
     way = 0.0 if draws[4] < 0.5 else math.pi
-    return Pose(x, y, z, wrap_angle(course + way + (2.0 * draws[3] - 1.0) * spread)), low
+    return Pose(x, y, z, wrap_angle(course + way + (2.0 * draws[3] - 1.0) * spread)), centre.segment
 
 
 @kernel(fastmath=False)

@@ -10,7 +10,10 @@ from thalweg.env.frame_renderer import FrameRenderer, Views
 from thalweg.env.spaces import frames_to_observations
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.critic_info import PROGRESS, critic_features, write_progress
-from thalweg.env.task.ideal_eye import FEATURES, see_all
+from thalweg.env.task.ideal_eye import see_all
+from thalweg.env.task.priced.eye import features_of, see_all_in_task
+from thalweg.env.task.priced.props import props_in
+from thalweg.env.task.progress_share import progress_of
 from thalweg.env.task.proprioception import PROPRIOCEPTION, feel_all, no_last_step
 from thalweg.env.task.rules import State
 
@@ -75,10 +78,10 @@ class Observer:
         if kind == "privileged":
             return self.see(courses, views)
         if kind == "mask":
-            return self.frames.render_masks(views)
+            return self.frames.render_masks(views, self.props(courses, views))
         if isinstance(kind, str):
-            return frames_to_observations(kind, self._frames(views))
-        parts = self._drawn_parts(views)
+            return frames_to_observations(kind, self._frames(courses, views))
+        parts = self._drawn_parts(courses, views)
         if "privileged" in kind:
             parts["privileged"] = self.see(courses, views)
         if views.proprioception is not None:
@@ -86,16 +89,25 @@ class Observer:
         return {part: parts[part] for part in kind}
 
     def see(self, courses: CourseArrays, views: Views) -> np.ndarray:
-        """Return what the ideal eye sees [M, FEATURES] float32."""
-        seen = np.empty((len(views.pose), len(FEATURES)), np.float32)
-        max_height = self.config.limits.max_height
-        see_all(courses, max_height, views.world, views.pose, views.segment, views.travel, seen)
+        """Return what the ideal eye sees [M, F] float32; F is the number of `priced.eye.features_of` the task."""
+        seen = np.empty((len(views.pose), len(features_of(self.config.task))), np.float32)
+        at, limits = (views.world, views.pose, views.segment, views.travel), self.config.limits
+        if self.config.task == "River":
+            see_all(courses, limits.max_height, *at, seen)
+        else:
+            see_all_in_task(courses, limits, *at, views.steps, views.scene, views.station, seen)
         return seen
 
-    def colours(self, state: State) -> np.ndarray:
+    def props(self, courses: CourseArrays, views: Views) -> np.ndarray | None:
+        """Return the objects [M, P, 6] of the task in each view; None in a task without any."""
+        at = views.world, views.pose, views.steps, views.scene, views.station
+        return props_in(courses, self.config, at)
+
+    def colours(self, courses: CourseArrays, state: State) -> np.ndarray:
         """Return the colours [N, H, W, 3] uint8 of a state, without drawing them again if the observations had them."""
         if self._colours is None:
-            self._colours = self.frames.render(self.frames.views(state))[..., :3].copy()
+            views = self.frames.views(state)
+            self._colours = self.frames.render(views, self.props(courses, views))[..., :3].copy()
         return self._colours
 
     def forget_colours(self) -> None:
@@ -104,11 +116,11 @@ class Observer:
 
     def critic_obs(self, courses: CourseArrays, state: State) -> np.ndarray:
         """Return what critics may see beside the observations of a state [N, C] float32."""
-        count = len(critic_features(self.config.observation))
+        count = len(critic_features(self.config.observation, self.config.task))
         told = np.empty((self.num_envs, count), np.float32)
         write_progress(
             told,
-            (state.visited_count, courses.segments[state.world]),
+            (progress_of(self.config, courses, state), 1.0),
             (state.idle, self.config.max_idle_steps),
             (state.steps, courses.max_steps[state.world]),
         )
@@ -116,24 +128,28 @@ class Observer:
             told[:, len(PROGRESS) :] = self.see(courses, self.frames.views(state))
         return told
 
-    def _drawn_parts(self, views: Views) -> dict[str, Any]:
+    def _drawn_parts(self, courses: CourseArrays, views: Views) -> dict[str, Any]:
         """Return those parts of observations [M, H, W, ...] that are drawn."""
         parts = self.config.parts
         if self.config.draws_layers:
             wanted = {part: field for part, field in LAYERS.items() if part in parts}
-            frame: Any = self.frames.render_layers(views, tuple(wanted.values()))  # pyright: ignore[reportArgumentType]
+            frame: Any = self.frames.render_layers(
+                views,
+                tuple(wanted.values()),  # pyright: ignore[reportArgumentType]
+                self.props(courses, views),
+            )
             drawn = {part: getattr(frame, field) for part, field in wanted.items()}
             if "mask" in drawn:
                 drawn["mask"] = drawn["mask"] * np.uint8(255)
             self._keep(drawn.get("rgb"))
             return {part: layer if part == "rgb" else layer[..., None] for part, layer in drawn.items()}
         if "rgb" in parts:
-            return frames_to_observations("dict", self._frames(views))
-        return {"mask": self.frames.render_masks(views)} if "mask" in parts else {}
+            return frames_to_observations("dict", self._frames(courses, views))
+        return {"mask": self.frames.render_masks(views, self.props(courses, views))} if "mask" in parts else {}
 
-    def _frames(self, views: Views) -> np.ndarray:
+    def _frames(self, courses: CourseArrays, views: Views) -> np.ndarray:
         """Return frames [M, H, W, 4] of views."""
-        frames = self.frames.render(views)
+        frames = self.frames.render(views, self.props(courses, views))
         self._keep(frames)
         return frames
 

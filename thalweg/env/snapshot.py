@@ -89,10 +89,23 @@ def check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, lights: 
             row = int(np.argmax(rows))
             allowed = f"; allowed: 0..{segments[row] - 1}" if name == "segment" else ""
             raise StateError(f"{name} has an impossible value{allowed} (environment {row})")
+    if "way" in given:
+        _check_task(given)
     try:
         check_looks(given["look"])
     except ValueError as reason:
         raise StateError(f"the look of an environment is impossible: {reason}") from None
+
+
+def _check_task(given: Mapping[str, np.ndarray]) -> None:
+    """Raise `StateError` with the name of the first array of a task's state that has an impossible value."""
+    for name, rows in {
+        "scene": given["scene"] < 0,
+        "station": ~(np.isfinite(given["station"]) & (given["station"] >= 0)),
+        "way": ~(np.isfinite(given["way"]) & (given["way"] >= 0)),
+    }.items():
+        if rows.any():
+            raise StateError(f"{name} has an impossible value (environment {int(np.argmax(rows))})")
 
 
 def restore_state(
@@ -104,7 +117,8 @@ def restore_state(
 ) -> None:
     """Write a checked state into the arrays of an environment."""
     for name, value in state._asdict().items():
-        value[...] = given[name]
+        if name in given:
+            value[...] = given[name]
     started[:] = given["begun"]
     ended[:] = given["ended"]
     generators[:] = [unpack_generator(row) for row in np.asarray(given["generator"])]

@@ -5,13 +5,15 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.env.task.priced.eye import features_of
 from thalweg.env.task.proprioception import PROPRIOCEPTION
 from thalweg.render.records.classes import CLASSES
 
+FORWARD = 2
+"""Index of the branch forward."""
 BRANCHES = ("vertical", "yaw", "longitudinal", "lateral")
-"""Branches of an action. Options 0, 1, 2: up, none, down; left, none, right; forward, none, backward; left, none,
-right."""
+"""Branches of an action. Options 0, 1, 2: up, none, down; left, none, right; forward, none, backward, or a fast step
+forward where the task has one; left, none, right."""
 CHANNELS = {"rgb+mask": 4, "rgb": 3, "mask": 1}
 """Channels of the observations that are one image."""
 SKY_DEPTH_M = -1.0
@@ -41,9 +43,11 @@ def batch_of_one(action: object) -> np.ndarray:
     return given[None]
 
 
-def to_unit_actions(kind: str, actions: object, count: int) -> np.ndarray:
+def to_unit_actions(kind: str, actions: object, count: int, fast_ratio: float = 0.0) -> np.ndarray:
     """Return actions [N, 4] of the space as unit actions [N, 4] float64, see `thalweg.env.task.motion.UnitAction`.
 
+    fast_ratio: length of a fast step in steps forward, 0 without one; where there is one, +1 forward of a continuous
+    action is a fast step, and a negative number is no move.
     Raises `ActionError` for a wrong shape or type, or a value out of range.
     """
     given = np.asarray(actions)
@@ -65,33 +69,48 @@ def to_unit_actions(kind: str, actions: object, count: int) -> np.ndarray:
         raise ActionError(
             f"action {given[row, branch]} of environment {row} ({BRANCHES[branch]}) is out of range {low}..{high}"
         )
-    return 1.0 - given if kind == "multidiscrete" else given.astype(np.float64)
+    if kind == "multidiscrete":
+        return 1.0 - given
+    unit_actions = given.astype(np.float64)
+    if fast_ratio:
+        share = unit_actions[:, FORWARD].clip(0.0)
+        unit_actions[:, FORWARD] = np.where(share * fast_ratio <= 1.0, share * fast_ratio, -share)
+    return unit_actions
 
 
-def from_unit_actions(kind: str, unit_actions: np.ndarray) -> np.ndarray:
-    """Return unit actions [N, 4], each -1, 0 or 1, as actions [N, 4] of the space."""
-    return (1 - unit_actions).astype(np.int64) if kind == "multidiscrete" else unit_actions.astype(np.float32)
+def from_unit_actions(kind: str, unit_actions: np.ndarray, fast_ratio: float = 0.0) -> np.ndarray:
+    """Return unit actions [N, 4], each -1, 0 or 1, as actions [N, 4] of the space; fast_ratio as in
+    `to_unit_actions`."""
+    if kind == "multidiscrete":
+        return (1 - unit_actions).astype(np.int64)
+    actions = unit_actions.astype(np.float32)
+    if fast_ratio:
+        forward = actions[:, FORWARD]
+        actions[:, FORWARD] = np.where(forward < 0, -forward, forward / fast_ratio)
+    return actions
 
 
-def observation_space(kind: str | tuple[str, ...], height_px: int, width_px: int) -> gymnasium.spaces.Space:
-    """Return the observation space of one environment; `kind` as in `EnvConfig.observation`."""
+def observation_space(
+    kind: str | tuple[str, ...], height_px: int, width_px: int, task: str = "River"
+) -> gymnasium.spaces.Space:
+    """Return the observation space of one environment; `kind` as in `EnvConfig.observation`, `task` as there."""
     if kind == "none":
         return gymnasium.spaces.Box(-np.inf, np.inf, (4,), np.float64)
     if kind == "rgb+mask":
         return gymnasium.spaces.Box(0, 255, (height_px, width_px, 4), np.uint8)
-    parts = part_spaces(height_px, width_px)
+    parts = part_spaces(height_px, width_px, task)
     if kind == "dict":
         kind = ("rgb", "mask")
     return parts[kind] if isinstance(kind, str) else gymnasium.spaces.Dict({part: parts[part] for part in kind})
 
 
-def part_spaces(height_px: int, width_px: int) -> dict[str, gymnasium.spaces.Box]:
+def part_spaces(height_px: int, width_px: int, task: str = "River") -> dict[str, gymnasium.spaces.Box]:
     """Return the space of each part of an observation, see `thalweg.env.observation.PARTS`.
 
     * rgb, mask: uint8 [H, W, 3] sRGB and [H, W, 1], 0 or 255 where water is seen.
     * depth: float32 [H, W, 1], metres along the optical axis to what is seen; `SKY_DEPTH_M` for the sky.
     * class: uint8 [H, W, 1], index in `thalweg.render.records.classes.CLASSES`.
-    * proprioception, privileged: float32, the numbers of `PROPRIOCEPTION` and of `FEATURES`.
+    * proprioception, privileged: float32, the numbers of `PROPRIOCEPTION`, and of the ideal eye in the task.
     """
 
     def image(channels: int, low: float = 0, high: float = 255, dtype: Any = np.uint8) -> gymnasium.spaces.Box:
@@ -106,7 +125,7 @@ def part_spaces(height_px: int, width_px: int) -> dict[str, gymnasium.spaces.Box
         "depth": image(1, SKY_DEPTH_M, np.inf, np.float32),
         "class": image(1, 0, len(CLASSES) - 1),
         "proprioception": numbers(PROPRIOCEPTION),
-        "privileged": numbers(FEATURES),
+        "privileged": numbers(features_of(task)),
     }
 
 

@@ -29,11 +29,11 @@ from thalweg.env.forces.of_many import PREFIX, write_winds
 from thalweg.env.initial_poses import random_start
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.snapshot import StateError, env_identity, fingerprints
-from thalweg.env.spaces import ActionError, action_space, observation_space, to_unit_actions
+from thalweg.env.spaces import FORWARD, ActionError, action_space, observation_space, to_unit_actions
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
 from thalweg.env.task.proprioception import no_last_step
-from thalweg.env.task.rules import Outcome, State, empty_outcome, empty_state
+from thalweg.env.task.rules import TASK_STATE, Outcome, State, empty_outcome, empty_state
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
 
@@ -43,9 +43,10 @@ Info = dict[str, Tensor]
 class TensorRiverEnv:
     """N environments over one or several worlds on one device; environment i flies in world i % len(worlds).
 
-    `info` belongs to the action just taken: `cost` [N], `costs` [N, 2] (tight, loose), `done_reason` [N], `progress`
-    [N] (share of segments visited) and `pose` [N, 4]; `wind` and `velocity` are as in `RiverVectorEnv`. With
-    `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs to the state that the observation shows, see
+    `info` belongs to the action just taken: `cost` [N], `costs` [N, K] by kind (`cost_kinds`), `done_reason` [N],
+    `progress` [N] (share of segments visited, of `Portage` that of the greatest way to the station) and `pose` [N, 4];
+    `wind` and `velocity` are as in `RiverVectorEnv`. With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs
+    to the state that the observation shows, see
     `thalweg.env.task.critic_info`. Environment i is seeded with seed + i, so that its episodes do not depend on the
     number of environments. Rewards, costs and poses are float64.
     """
@@ -73,6 +74,8 @@ class TensorRiverEnv:
             raise ConfigError("environments of tensors do not change river: give worlds, not a list of rivers")
         self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
         self.num_envs, self.config = integer_at_least("num_envs", num_envs, 1), config
+        self.cost_kinds = config.task_record.cost_kinds
+        """Names of the K kinds of `info["costs"]`."""
         self.device = torch.device(resolve_device(device))
         self._launcher = Launcher(self.device, self.num_envs)
         self._observer = TensorObserver(self.worlds, self.num_envs, config, self._launcher)
@@ -89,16 +92,16 @@ class TensorRiverEnv:
         self._started = False
         size = config.camera.height_px, config.camera.width_px
         self.single_action_space = action_space(config.action)
-        self.single_observation_space = observation_space(config.observation, *size)
+        self.single_observation_space = observation_space(config.observation, *size, config.task)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         if config.critic_info:
-            self.single_critic_space = critic_space(config.observation)
+            self.single_critic_space = critic_space(config.observation, config.task)
 
     def _allocate(self, courses: CourseArrays) -> None:
         """Create the tensors of all episodes, and the kernels' views of them."""
         state = empty_state(self.world_index, courses)._asdict()
-        outcome = empty_outcome(self.num_envs)._asdict()
+        outcome = empty_outcome(self.num_envs, len(self.cost_kinds))._asdict()
         counters: dict[str, np.ndarray] = {
             name: np.zeros(self.num_envs, np.int64) for name in ("seed", "episode", "look")
         }
@@ -112,9 +115,12 @@ class TensorRiverEnv:
         everything = {**state, **outcome, **counters, **force}
         self._tensors = {name: tensor(values) for name, values in everything.items()}
         """Everything that a step reads and changes."""
-        self._state_names = (*state, *counters, *force)
+        kept = [name for name in state if self.config.task != "River" or name not in TASK_STATE]
+        self._state_names = (*kept, *counters, *force)
         """Names of the tensors that the future depends on."""
         self._segments = tensor(courses.segments[self.world_index])
+        greatest = np.where(courses.closed != 0, 0.5, 1.0) * courses.length
+        self._greatest_way = tensor(greatest[self.world_index])
         self._max_steps = tensor(courses.max_steps[self.world_index])
         arrays = {name: array(values) for name, values in self._tensors.items()}
         self._courses = CourseArrays(*(array(tensor(values)) for values in courses))
@@ -231,7 +237,8 @@ class TensorRiverEnv:
         if not isinstance(actions, Tensor):
             raise ActionError(f"actions are a tensor on {self.device}, not {type(actions).__name__}")
         if self.device.type == "cpu" and actions.device.type == "cpu":
-            return torch.from_numpy(to_unit_actions(self.config.action, actions.detach().numpy(), self.num_envs))
+            given = actions.detach().numpy()
+            return torch.from_numpy(to_unit_actions(self.config.action, given, self.num_envs, self.config.fast_ratio))
         if actions.shape != (self.num_envs, 4) or actions.device != self.device:
             raise ActionError(
                 f"actions have shape {tuple(actions.shape)} on {actions.device};"
@@ -241,7 +248,13 @@ class TensorRiverEnv:
         if self.config.action == "multidiscrete" and not integers:
             raise ActionError(f"actions have type {actions.dtype}; multidiscrete actions are integers 0, 1 or 2")
         units = actions.detach().double()
-        return (1.0 - units if self.config.action == "multidiscrete" else units).clamp(-1.0, 1.0).contiguous()
+        if self.config.action == "multidiscrete":
+            return (1.0 - units).clamp(-1.0, 1.0).contiguous()
+        units = units.clamp(-1.0, 1.0)
+        if ratio := self.config.fast_ratio:
+            share = units[:, FORWARD].clamp(min=0.0)
+            units[:, FORWARD] = torch.where(share * ratio <= 1.0, share * ratio, -share)
+        return units.contiguous()
 
     def _info(self) -> Info:
         tensors = self._tensors
@@ -254,7 +267,7 @@ class TensorRiverEnv:
             "cost": tensors["costs"].sum(1),
             "costs": tensors["costs"].clone(),
             "done_reason": tensors["reason"].clone(),
-            "progress": tensors["visited_count"] / self._segments,
+            "progress": self._progress(),
             "pose": tensors["pose"].clone(),
             **told,
         }
@@ -266,13 +279,19 @@ class TensorRiverEnv:
         self._launcher.run("write_winds", write_winds, lambda: (*forces, self._launcher.array(self._blowing)))
         return self._blowing.clone()
 
+    def _progress(self) -> Tensor:
+        """Return the share [N] of the course that was visited, or that was gained towards the station."""
+        if self.config.task_record.portage:
+            return (1.0 - self._tensors["way"] / self._greatest_way).clamp(0.0, 1.0)
+        return self._tensors["visited_count"] / self._segments
+
     def _critic_obs(self) -> Tensor:
         """Return what critics may see beside the observations of the current state [N, C] float32."""
         tensors = self._tensors
         told = torch.empty(self.num_envs, *self.single_critic_space.shape, dtype=torch.float32, device=self.device)
         write_progress(
             told,
-            (tensors["visited_count"], self._segments),
+            (self._progress(), 1.0),
             (tensors["idle"], self.config.max_idle_steps),
             (tensors["steps"], self._max_steps),
         )

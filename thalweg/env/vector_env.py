@@ -34,11 +34,14 @@ from thalweg.env.spaces import (
 )
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.critic_info import critic_space
-from thalweg.env.task.rules import clear_outcome, empty_outcome, empty_state
+from thalweg.env.task.progress_share import progress_of
+from thalweg.env.task.rules import TASK_STATE, begin_task, clear_outcome, empty_outcome, empty_state
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
 
 RESET_OPTIONS = ("pose", "reset_mask")
+LARGEST_SCENE = 2**62
+"""Seeds of what moves in an episode are below this number."""
 
 
 class RiverVectorEnv(VectorEnv):
@@ -49,8 +52,9 @@ class RiverVectorEnv(VectorEnv):
     background; `info["river"]` [N] is the index of the river in the list. Wind and inertia add `wind` [N, 3] and
     `velocity` [N, 4] to it, see `thalweg.env.forces.of_many`.
 
-    In every autoreset mode, `info` belongs to the action just taken: `cost` [N], `costs` [N, 2] (tight, loose),
-    `done_reason` [N], `progress` [N] (share of segments visited) and `pose` [N, 4]. `final_obs` and `final_info` are as
+    In every autoreset mode, `info` belongs to the action just taken: `cost` [N], `costs` [N, K] by kind
+    (`cost_kinds`: tight, loose, and that of the task), `done_reason` [N], `progress` [N] (share of segments visited, of
+    `Portage` that of the greatest way to the station) and `pose` [N, 4]. `final_obs` and `final_info` are as
     Gymnasium defines them. With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs to the state that the
     observation shows, see `thalweg.env.task.critic_info`; after an automatic reset in the same step, that of the last
     state is in `final_info`. Environment i has a random generator of its own, seeded with seed + i, so that its
@@ -121,16 +125,18 @@ class RiverVectorEnv(VectorEnv):
         self.generators: list[np.random.Generator | None] = [None] * self.num_envs
         self._started = np.zeros(self.num_envs, dtype=bool)
         self._ended = np.zeros(self.num_envs, dtype=bool)
-        self._outcome = empty_outcome(self.num_envs)
+        self.cost_kinds = config.task_record.cost_kinds
+        """Names of the K kinds of `info["costs"]`."""
+        self._outcome = empty_outcome(self.num_envs, len(self.cost_kinds))
 
         self.single_action_space = action_space(config.action)
         self.single_observation_space = observation_space(
-            config.observation, self.camera.height_px, self.camera.width_px
+            config.observation, self.camera.height_px, self.camera.width_px, config.task
         )
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         if config.critic_info:
-            self.single_critic_space = critic_space(config.observation)
+            self.single_critic_space = critic_space(config.observation, config.task)
 
     @property
     def courses(self) -> CourseArrays:
@@ -182,7 +188,7 @@ class RiverVectorEnv(VectorEnv):
         Raises `ActionError` before anything changes, and `gymnasium.error.ResetNeeded` if an environment must be reset
         first.
         """
-        unit_actions = to_unit_actions(self.config.action, actions, self.num_envs)
+        unit_actions = to_unit_actions(self.config.action, actions, self.num_envs, self.config.fast_ratio)
         if not self._started.all():
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         mode = self.autoreset_mode
@@ -213,7 +219,8 @@ class RiverVectorEnv(VectorEnv):
         return self.observer.observe(self.courses, self.observer.views(self.courses, self.state))
 
     def ideal_eye(self) -> np.ndarray:
-        """Return what the ideal eye sees of the current state [N, FEATURES] float32, whatever is observed."""
+        """Return what the ideal eye sees of the current state [N, F] float32, whatever is observed; its F numbers are
+        `thalweg.env.task.priced.eye.features_of` the task."""
         return self.observer.see(self.courses, self.frames.views(self.state))
 
     def draw(self, river: np.ndarray, views: Views) -> np.ndarray:
@@ -234,18 +241,23 @@ class RiverVectorEnv(VectorEnv):
         self.observer.forget_colours()
         return drawn
 
+    def props(self) -> np.ndarray | None:
+        """Return the objects [N, P, 6] of the task about each vehicle, as `thalweg.render.records.props`; None in a
+        task without any."""
+        return self.observer.props(self.courses, self.frames.views(self.state))
+
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return the frames of the current state, N of [H, W, 3] uint8, or None without a render mode."""
         if self.render_mode is None:
             return None
-        return tuple(frame.copy() for frame in self.observer.colours(self.state))
+        return tuple(frame.copy() for frame in self.observer.colours(self.courses, self.state))
 
     def pilot_actions(self, pilot: str = "scripted") -> np.ndarray:
         """Return the actions [N, 4] of a pilot that knows the map in the current state: `scripted`, which is fast, or
         `steady`, whose moves can be read off the frames. Raises `ConfigError` for another one, and
         `gymnasium.error.ResetNeeded` before the first reset."""
         chosen, state = self._pilot(pilot)
-        return from_unit_actions(self.config.action, chosen.unit_actions(state))
+        return from_unit_actions(self.config.action, chosen.unit_actions(state), self.config.fast_ratio)
 
     def move_worths(self) -> np.ndarray:
         """Return the worths [N, M] of all `thalweg.env.pilot.steady.MOVES` in the current state, as the steady pilot
@@ -269,6 +281,9 @@ class RiverVectorEnv(VectorEnv):
         """Return copies of everything that the future depends on, random generators included."""
         arrays = snapshot.copy_state(self.state, self.generators, self._started, self._ended, self._identity)
         del arrays["world"]
+        if self.config.task == "River":  # as states were before there were other tasks
+            for name in TASK_STATE:
+                del arrays[name]
         looks = {"look": self.frames.look.copy(), "sun": self.frames.sun.copy()}
         return {**arrays, **self.rivers.state(), **looks, **self.forces.get_state(), **self.observer.state()}
 
@@ -352,6 +367,9 @@ class RiverVectorEnv(VectorEnv):
         state.visited[row] = 0
         state.visited_count[row] = state.steps[row] = state.idle[row] = 0
         state.time_s[row] = time_s
+        if self.config.task != "River":
+            scene = int(generator.integers(LARGEST_SCENE)) if self.courses.swimmers[world] else 0
+            begin_task(row, self.courses, self.limits, state, projection, scene)
         self.frames.draw_look(row, "episode", generator)
         self.forces.begin(row, generator)
         self._started[row] = True
@@ -385,7 +403,7 @@ class RiverVectorEnv(VectorEnv):
             "cost": outcome.costs.sum(axis=1),
             "costs": outcome.costs.copy(),
             "done_reason": outcome.reason.copy(),
-            "progress": state.visited_count / self.courses.segments[self.world_index],
+            "progress": progress_of(self.config, self.courses, self.state),
             "pose": state.pose.copy(),
             **self.forces.info(),
         }

@@ -12,6 +12,7 @@ from thalweg.core.compute.threads import run_in_threads
 from thalweg.render.kernels.camera_rays import pose_camera
 from thalweg.render.kernels.frame import draw_rows, empty_buffers, finish_frame
 from thalweg.render.kernels.shading.background import ROWS_TOGETHER
+from thalweg.render.records.props import NO_PROPS
 from thalweg.render.records.scene import Scene
 from thalweg.render.records.view import Buffers, FrameSettings, Output, View, Views
 
@@ -21,11 +22,18 @@ FRAMES, BANDS, FINISH = range(3)
 """Stages, one job at a time: draw a whole frame; draw a band of rows of one; turn the drawn buffers into an image."""
 
 
-def draw(scene: Scene, views: Views, settings: FrameSettings, output: Output, bands: np.ndarray) -> None:
+def draw(
+    scene: Scene,
+    views: Views,
+    settings: FrameSettings,
+    output: Output,
+    bands: np.ndarray,
+    props: np.ndarray = NO_PROPS,
+) -> None:
     """Draw one frame per view into `output`.
 
     bands [B, 2] int32: the rows from, to that a thread draws together. With one band a thread draws whole frames; more
-    are for fewer frames than threads.
+    are for fewer frames than threads. props [N, P, PROP_COLUMNS] float32, or `NO_PROPS`.
     """
     whole_frames = len(bands) == 1
     count = 0 if whole_frames else len(views.poses)
@@ -33,7 +41,8 @@ def draw(scene: Scene, views: Views, settings: FrameSettings, output: Output, ba
     for stage in (FRAMES,) if whole_frames else (BANDS, FINISH):
         jobs = len(views.poses) * (len(bands) if stage == BANDS else 1)
         # A frame with much wood in it takes twice as long as one of open water.
-        run_in_threads(jobs, partial(draw_jobs, scene, views, settings, output, bands, buffers, stage), unequal=True)
+        job = partial(draw_jobs, scene, views, settings, output, bands, props, buffers, stage)
+        run_in_threads(jobs, job, unequal=True)
 
 
 def shared_buffers(count: int, height: int, width: int, drawn: int) -> Buffers:
@@ -57,7 +66,7 @@ def buffers_of(buffers, n):
 
 
 @kernel
-def draw_jobs(scene, views, settings, output, bands, buffers, stage, first, last):
+def draw_jobs(scene, views, settings, output, bands, props, buffers, stage, first, last):
     """Jobs number first to last of one stage of `draw`: frames, or bands of rows, frame after frame.
 
     buffers: those of `shared_buffers`, for no frame where whole frames are drawn.
@@ -73,7 +82,10 @@ def draw_jobs(scene, views, settings, output, bands, buffers, stage, first, last
         else:
             frame_buffers = buffers_of(buffers, n)
         if stage != FINISH:
-            draw_rows(scene, view, settings.reduced, output.drawn, bands[band, 0], bands[band, 1], frame_buffers)
+            # Frames without props share one empty list.
+            own_props = props[n] if props.shape[1] > 0 else props[0]
+            top, bottom = bands[band, 0], bands[band, 1]
+            draw_rows(scene, view, own_props, settings.reduced, output.drawn, top, bottom, frame_buffers)
         if stage != BANDS:
             finish_frame(scene, view, settings, frame_buffers, n, output)
 

@@ -17,6 +17,7 @@ from thalweg.core.compute.jit import kernel_cache_dir
 from thalweg.core.compute.kernel_compiler import config
 from thalweg.render.batch import FRAMES, draw_jobs, shared_buffers
 from thalweg.render.records.appearance import LOOK_COLUMNS
+from thalweg.render.records.props import NO_PROPS
 from thalweg.render.records.scene import blank_scene
 from thalweg.render.records.view import COLOURS, FrameSettings, Views, output
 
@@ -76,7 +77,7 @@ def arguments() -> tuple:
     views = Views(np.zeros(1, np.int64), np.zeros((1, 4)), np.zeros(1), np.zeros((1, LOOK_COLUMNS), np.float32))
     bands = np.zeros((1, 2), np.int32)
     buffers = shared_buffers(0, 8, 8, COLOURS)
-    return blank_scene(), views, settings, output(COLOURS), bands, buffers, FRAMES, 0, 1
+    return blank_scene(), views, settings, output(COLOURS), bands, NO_PROPS, buffers, FRAMES, 0, 1
 
 
 def main() -> None:

@@ -19,6 +19,7 @@ from thalweg.render.errors import RenderError
 from thalweg.render.records.appearance import Look, look_rows, look_values
 from thalweg.render.records.breeze import ruffle
 from thalweg.render.records.camera import Camera
+from thalweg.render.records.props import NO_PROPS, checked_props
 from thalweg.render.records.quality import QUALITIES, Quality
 from thalweg.render.records.view import COLOURS, LAYERS, MASK, FrameSettings, Output, Views, output
 from thalweg.world.record import World
@@ -42,7 +43,7 @@ class Frame:
     depth_m: np.ndarray
     """[N, H, W] float32, metres along the optical axis; -1 for the sky."""
     class_id: np.ndarray
-    """[N, H, W] uint8: 0 sky, 1 water, 2 ground, 3 plant, 4 bridge."""
+    """[N, H, W] uint8: 0 sky, 1 water, 2 ground, 3 plant, 4 bridge, 5 swimmer, 6 kayak, 7 buoy, 8 gauge station."""
 
 
 class Renderer:
@@ -97,6 +98,7 @@ class Renderer:
         time_s: ArrayLike | None = None,
         out: np.ndarray | None = None,
         look: Look | Sequence[Look] | np.ndarray | None = None,
+        props: ArrayLike | None = None,
         *,
         wind: ArrayLike | None = None,
     ) -> np.ndarray:
@@ -105,14 +107,16 @@ class Renderer:
         poses [N, 4]: x, y, z in metres, yaw in radians. world_index [N]: which of the worlds each camera is in (the
         first if left out). time_s [N] or a number: moves the ripples. out: an array of the result's shape to draw into.
         look: one for all frames, or one for each (also as an array [N, P], see
-        `thalweg.render.records.appearance.PARAMETERS`). wind [N, 2]: m/s towards east and north, by which ripples grow
-        and move; at zero they are as without it.
+        `thalweg.render.records.appearance.PARAMETERS`). props [N, P, 6]: what else stands in each frame, see
+        `thalweg.render.records.props`; frames without props do not change by it. wind [N, 2]: m/s towards east and
+        north, by which ripples grow and move; at zero they are as without it.
 
-        Raises `RenderError` for poses, indices, looks, winds or an `out` that do not fit.
+        Raises `RenderError` for poses, indices, looks, props, winds or an `out` that do not fit.
         """
         views = self._checked(poses, world_index, time_s, look, wind)
+        drawn_props = checked_props(props, len(views.poses))
         out = _checked_out(out, (len(views.poses), self.camera.height_px, self.camera.width_px, 4))
-        self._draw(views, output(COLOURS, _packed(out)))
+        self._draw(views, output(COLOURS, _packed(out)), drawn_props)
         return out
 
     def render_mask(
@@ -121,14 +125,16 @@ class Renderer:
         world_index: ArrayLike | None = None,
         out: np.ndarray | None = None,
         look: Look | Sequence[Look] | np.ndarray | None = None,
+        props: ArrayLike | None = None,
     ) -> np.ndarray:
         """Water masks [N, H, W] uint8, 0 or 255: the fourth channel of `render`, without drawing colours.
 
         Arguments and errors as in `render`. Masks do not depend on the time, which only moves the ripples.
         """
         views = self._checked(poses, world_index, None, look)
+        drawn_props = checked_props(props, len(views.poses))
         out = _checked_out(out, (len(views.poses), self.camera.height_px, self.camera.width_px))
-        self._draw(views, output(MASK, masks=out))
+        self._draw(views, output(MASK, masks=out), drawn_props)
         return out
 
     def render_layers(
@@ -138,6 +144,7 @@ class Renderer:
         time_s: ArrayLike | None = None,
         look: Look | Sequence[Look] | np.ndarray | None = None,
         layers: Collection[Layer] = ALL_LAYERS,
+        props: ArrayLike | None = None,
         *,
         wind: ArrayLike | None = None,
     ) -> Frame:
@@ -151,6 +158,7 @@ class Renderer:
         if not layers:
             raise RenderError(f"name at least one of the layers {', '.join(ALL_LAYERS)}")
         views = self._checked(poses, world_index, time_s, look, wind)
+        drawn_props = checked_props(props, len(views.poses))
         shape = (len(views.poses), self.camera.height_px, self.camera.width_px)
         image = np.empty((*shape, 4), np.uint8) if "rgb" in layers else None
         mask = np.empty(shape, np.uint8) if image is None else image[..., 3]
@@ -158,9 +166,9 @@ class Renderer:
         if "depth_m" in layers or "class_id" in layers:
             pair = np.empty(shape, np.float32), np.empty(shape, np.uint8)
         if image is not None:
-            self._draw(views, output(COLOURS, _packed(image), layers=pair))
+            self._draw(views, output(COLOURS, _packed(image), layers=pair), drawn_props)
         else:
-            self._draw(views, output(MASK if pair is None else LAYERS, masks=mask, layers=pair))
+            self._draw(views, output(MASK if pair is None else LAYERS, masks=mask, layers=pair), drawn_props)
         drawn: dict[str, Any] = {} if pair is None else {"depth_m": pair[0], "class_id": pair[1]}
         drawn["mask"] = mask > 0
         if image is not None:
@@ -168,15 +176,18 @@ class Renderer:
         wanted: dict[str, Any] = {name: drawn[name] if name in layers else None for name in ALL_LAYERS}
         return Frame(**wanted)
 
-    def render_tensors(self, views: Sequence[Any], out: Any, layers: tuple[Any, Any] | None = None) -> None:
+    def render_tensors(
+        self, views: Sequence[Any], out: Any, layers: tuple[Any, Any] | None = None, props: Any = None
+    ) -> None:
         """`render` or `render_mask` without checks and copies, from torch's tensors on this renderer's device into one.
 
         views: world_index [N] int64, poses [N, 4] and times [N] float64, and looks as rows [N, LOOK_COLUMNS] float32 of
         `thalweg.render.records.appearance.look_rows`; out: [N, H, W, 4] uint8, or [N, H, W, 1] for the mask alone;
-        layers: tensors for the depths [N, H, W] float32 and the classes [N, H, W] uint8 too, see `Frame`.
+        layers: tensors for the depths [N, H, W] float32 and the classes [N, H, W] uint8 too, see `Frame`; props: None,
+        or [N, P, 6] float32 of `thalweg.render.records.props`.
         """
         if self._gpu is not None:
-            self._gpu.draw_tensors(views, out, layers)
+            self._gpu.draw_tensors(views, out, layers, props)
             return
         array = out.numpy()
         pair = None if layers is None else (layers[0].numpy(), layers[1].numpy())
@@ -184,17 +195,17 @@ class Renderer:
             wanted = output(MASK if pair is None else LAYERS, masks=array[..., 0], layers=pair)
         else:
             wanted = output(COLOURS, _packed(array), layers=pair)
-        self._draw(Views(*(tensor.numpy() for tensor in views)), wanted)
+        self._draw(Views(*(tensor.numpy() for tensor in views)), wanted, NO_PROPS if props is None else props.numpy())
 
     @property
     def scratch_bytes(self) -> int:
         """Least memory of the GPU that drawing takes, beside the worlds' tables and the frames; 0 on the CPU."""
         return 0 if self._gpu is None else self._gpu.scratch_bytes
 
-    def _draw(self, views: Views, wanted: Output) -> None:
-        """Draw into the arrays of an `Output`."""
+    def _draw(self, views: Views, wanted: Output, props: np.ndarray) -> None:
+        """Draw into the arrays of an `Output`; props [N, P, 6] float32, or `NO_PROPS`."""
         if self._gpu is not None:
-            self._gpu.draw_for_host(views, wanted)
+            self._gpu.draw_for_host(views, wanted, props)
             return
         compilation.finish()
         draw(
@@ -203,6 +214,7 @@ class Renderer:
             self._settings,
             wanted,
             bands_of(self.camera.height_px, get_num_threads(), len(views.poses)),
+            props,
         )
 
     def _checked(

@@ -1,7 +1,7 @@
 """Training: rollouts, the training loop, checkpoints and logs; the only package that joins environment, encoder and
 algorithm."""
 
-from thalweg.train.errors import ResumeWarning, TrainingError
+from thalweg.train.errors import ResumeWarning, ShortRunWarning, TrainingError
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
 from thalweg.train.numbers import NumbersTensorEnv, NumbersVectorEnv
 from thalweg.train.run import run
@@ -14,6 +14,7 @@ __all__ = [
     "NumbersVectorEnv",
     "ResumeWarning",
     "RunResult",
+    "ShortRunWarning",
     "TrainingError",
     "load_policy",
     "run",

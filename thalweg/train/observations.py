@@ -9,9 +9,10 @@ from thalweg.core.cache import file_hash
 from thalweg.encoder import Encoder
 from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.spaces import CHANNELS
-from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.env.task.priced.eye import features_of
 from thalweg.env.task.proprioception import PROPRIOCEPTION
 from thalweg.render import RENDER_VERSION
+from thalweg.train.encoder_of_run import context_of, encoder_in_words
 from thalweg.train.errors import TrainingError
 
 BRANCHES = (3, 3, 3, 3)
@@ -40,7 +41,7 @@ def observation_of(policy: Any) -> str:
     A policy that does not say it sees frames: files of earlier versions knew nothing else. Raises `TrainingError` for
     any other observation, and for a policy with convolutions that does not say which images it sees.
     """
-    found = _context_of(policy).get("observation", FRAMES)
+    found = context_of(policy).get("observation", FRAMES)
     if found not in (FRAMES, PRIVILEGED, *IMAGES):
         raise TrainingError(
             f"the policy was trained on the observation {found!r}; on rivers policies see {FRAMES}, {PRIVILEGED},"
@@ -56,19 +57,29 @@ def observation_of(policy: Any) -> str:
 
 def feels(policy: Any) -> bool:
     """Return whether a policy takes proprioception beside what it sees."""
-    return FELT in _context_of(policy)
+    return FELT in context_of(policy)
+
+
+def task_of(policy: Any) -> str:
+    """Return the task that a policy was trained on, that of the paper if it does not say it."""
+    return context_of(policy).get("env", {}).get("task", "River")
 
 
 def check_policy_fits(
-    policy: Any, encoder: Encoder | None, *, offered: str | None = None, proprioception: bool | None = None
+    policy: Any,
+    encoder: Encoder | None,
+    *,
+    offered: str | None = None,
+    proprioception: bool | None = None,
+    task: str = "River",
 ) -> None:
     """Raise `TrainingError` unless a policy fits an observation and the actions of the river task.
 
     The observation is the codes of the encoder. For None it is `offered`, by default images for a policy of images, and
-    the privileged observation for any other. `proprioception` is whether that is offered too, by default to a policy
-    that takes it. A policy without spaces, such as a baseline, always fits.
+    the privileged observation, which differs by `task`, for any other. `proprioception` is whether that is offered too,
+    by default to a policy that takes it. A policy without spaces, such as a baseline, always fits.
     """
-    context, seen = _context_of(policy), observation_of(policy)
+    context, seen = context_of(policy), observation_of(policy)
     if encoder is not None:
         offered = FRAMES
     elif offered is None:
@@ -85,7 +96,7 @@ def check_policy_fits(
             f" trained {here}, or fly {trained}"
         )
     _check_versions(seen, context)
-    _check_inputs(policy, offered, encoder)
+    _check_inputs(policy, offered, encoder, task)
     actions: Actions | None = getattr(policy, "actions", None)
     if actions is not None and (actions.sizes, actions.start, actions.shape) != (BRANCHES, (0, 0, 0, 0), (4,)):
         found = f"{actions.sizes} from {actions.start}" if actions.sizes else f"a Box of shape {actions.shape}"
@@ -93,8 +104,8 @@ def check_policy_fits(
     trained_with = context.get("encoder")
     if encoder is not None and trained_with is not None and trained_with != (current := encoder_hash(encoder)):
         raise TrainingError(
-            f"the policy was trained on the codes of encoder {trained_with}, but this is encoder {current};"
-            " use the encoder that it was trained with"
+            f"the policy was trained on the codes of {encoder_in_words(context)}, but {encoder.about['path']} is"
+            f" another encoder (its hash: {current}); use the one that it was trained with"
         )
 
 
@@ -112,6 +123,12 @@ def _check_versions(seen: str, context: dict[str, Any]) -> None:
             f"the policy was trained on version {felt_with} of proprioception, but this is version"
             f" {versions.PROPRIOCEPTION}; train it again"
         )
+    tasks = context.get("tasks_version", versions.TASKS)
+    if tasks != versions.TASKS:
+        raise TrainingError(
+            f"the policy was trained on version {tasks} of the tasks, but this is version {versions.TASKS}; train it"
+            " again"
+        )
     drawn_with = context.get("render_version")
     if seen in IMAGES and drawn_with != RENDER_VERSION:
         raise TrainingError(
@@ -120,14 +137,15 @@ def _check_versions(seen: str, context: dict[str, Any]) -> None:
         )
 
 
-def _check_inputs(policy: Any, offered: str, encoder: Encoder | None) -> None:
+def _check_inputs(policy: Any, offered: str, encoder: Encoder | None, task: str) -> None:
     """Raise `TrainingError` unless a policy takes as many numbers, or images of the shape, that it is offered."""
     if offered in IMAGES:
         camera = DEFAULT_CONFIG.camera
         needed = (camera.height_px, camera.width_px, CHANNELS[offered])
         offers = f"{IN_WORDS[offered]} have the shape"
     elif encoder is None:
-        needed, offers = len(FEATURES), "privileged observation has"
+        of_task = "" if task == "River" else f" of the task {task}"
+        needed, offers = len(features_of(task)), f"privileged observation{of_task} has"
     else:
         needed, offers = encoder.latent, "encoder returns"
     if not isinstance(needed, tuple) and feels(policy):
@@ -142,11 +160,6 @@ def _image_of(policy: Any) -> tuple[int, int, int] | None:
     """Return H, W, C of the images that a policy with convolutions takes; None for any other."""
     eyes = getattr(getattr(policy, "shape", None), "eyes", None)
     return None if eyes is None else eyes.image
-
-
-def _context_of(policy: Any) -> dict[str, Any]:
-    """Return the context in which a policy was trained; empty for one that was not."""
-    return getattr(getattr(policy, "about", None), "context", {})
 
 
 def check_parts(seen: str, felt: bool, asked: str | tuple[str, ...]) -> None:

@@ -20,6 +20,7 @@ from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.render import RENDER_VERSION, compilation
+from thalweg.train.encoder_of_run import check_camera_fits, file_of_its_own
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, read_config
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
@@ -56,7 +57,7 @@ def load_compatible_encoder(path: Path | None = None, device: str = "cpu") -> En
 
 def announce_build(level: Level | Reach, seed: int) -> None:
     """Print a line if the river of a level or a file and a seed is not cached."""
-    if isinstance(level, Reach) or not cache_path(level, seed).is_file():
+    if not (level.is_cached(seed) if isinstance(level, Reach) else cache_path(level, seed).is_file()):
         print_once(f"building the river {level.name}, seed {seed}: a few seconds")
 
 
@@ -205,7 +206,9 @@ class RiverTraining:
         existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
         if begun is not None:
-            check_policy_fits(begun, encoder, offered=seen, proprioception=felt)
+            check_policy_fits(begun, encoder, offered=seen, proprioception=felt, task=self.config.task)
+        if encoder is not None:
+            check_camera_fits(self.config.camera, encoder)
         device = resolve_device(device)
         if seen in IMAGES and device != "cpu":
             raise TrainingError(f"policy=cnn learns on the CPU only, not on {device}: leave the device out")
@@ -237,13 +240,19 @@ class RiverTraining:
         """Return what the policy file and config.yaml say about rivers, observation and rules; `felt`: whether the
         policy takes proprioception."""
         if encoder is not None:
-            about: dict[str, Any] = {"encoder": encoder_hash(encoder), "render_version": RENDER_VERSION}
+            about: dict[str, Any] = {
+                "encoder": encoder_hash(encoder),
+                **file_of_its_own(encoder),
+                "render_version": RENDER_VERSION,
+            }
         elif seen in IMAGES:
             about = {"observation": seen, "render_version": RENDER_VERSION}
         else:
             about = {"observation": seen, "privileged_version": versions.PRIVILEGED}
         if felt:
             about[FELT] = versions.PROPRIOCEPTION
+        if self.config.task != "River":
+            about["tasks_version"] = versions.TASKS
         config = self.config if encoder is not None and not felt else self._config_of(seen, encoder, felt)
         return {**self.about(), **about, "env": config.as_data()}
 

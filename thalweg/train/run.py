@@ -1,6 +1,7 @@
 """Training runs: `run` trains an algorithm on an environment and writes a folder, from which it also resumes."""
 
 import sys
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -21,12 +22,15 @@ from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import DeviceError, resolve_device
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import to_plain
-from thalweg.train.errors import TrainingError
+from thalweg.train.errors import ShortRunWarning, TrainingError
 from thalweg.train.rollouts.collector import Collector
 from thalweg.train.rollouts.images import check_rollout_memory
 from thalweg.train.rollouts.tensor_collector import TensorEnv, make_collector
 from thalweg.train.run_in_folder import RunResult, check_numbers, open_folder, policy_file, result_of, train_to_end
 from thalweg.train.trainer import Trainer
+
+FEW_UPDATES = 5
+"""Fewest updates of a run that is not warned of."""
 
 
 class ExecutionOptions(TypedDict, total=False):
@@ -122,6 +126,8 @@ def run(
     status = open_folder(folder := Path(folder), identity, how.threads)
     if status.get("state") == "finished":
         return result_of(folder, status, resumed_from=None, already_finished=True)
+    if found := too_short(resolved, steps, task.num_envs):
+        warnings.warn(found, ShortRunWarning, stacklevel=2)
     if how.progress and (line := learnt_bounds(resolved)):
         print(line, file=sys.stderr)
     trainer = Trainer(collector, learner, steps, seed, how.threads)
@@ -191,6 +197,18 @@ def check_warmup(config: Any, steps: int, num_envs: int) -> None:
             f"got {given}: only the critics learn during the warm-up, so that the policy would never change; take more"
             " steps, or set critic_warmup_steps"
         )
+
+
+def too_short(config: Any, steps: int, num_envs: int) -> str:
+    """Return a warning of a run with fewer than `FEW_UPDATES` updates; empty for a longer one."""
+    rollout = config.rollout_steps(num_envs) * num_envs
+    updates, enough = -(-steps // rollout), FEW_UPDATES * rollout
+    if updates >= FEW_UPDATES:
+        return ""
+    return (
+        f"{steps:,} steps are {updates} update{'s' if updates > 1 else ''} of {rollout:,} steps each, from which hardly"
+        f" anything is learnt; take {enough:,} steps or more"
+    )
 
 
 def _task_identity(task: Task, learner: Learner, collector: Collector) -> dict[str, Any]:

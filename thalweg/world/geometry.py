@@ -128,7 +128,11 @@ def self_crossings(line: np.ndarray, closed: bool) -> np.ndarray:
         later = np.arange(count)[None, :] >= np.arange(count)[rows, None] + 2
         found.append(np.argwhere(separates & separated.T & later) + np.array([rows.start, 0]))
     i, j = np.concatenate(found).T
-    keep = ~((i == 0) & (j == count - 1)) if closed else np.ones(len(i), bool)
+    # Of segments on one straight line the sides are rounding noise; those that cross overlap in x and in y.
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    keep = np.all((low[i] <= high[j]) & (low[j] <= high[i]), axis=1)
+    if closed:
+        keep &= ~((i == 0) & (j == count - 1))
     return np.stack([i[keep], j[keep]], axis=1)
 
 

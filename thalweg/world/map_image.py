@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Polygon
+from matplotlib.patches import Patch, Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 
 from thalweg.core.atomic_io import atomic_path
@@ -34,10 +34,16 @@ CANOPY_ALPHA = 0.8
 """Opacity of the canopy over the ground."""
 EXPOSURE = 1.25
 DPI = 100
+SHARES, FIXED_PX = (0.055, 0.045), (12, 10)
+"""Heights of the title above the map and of the legend below it: a share of the longer side, and pixels."""
 SOLIDS, MARKERS = 4, 5
 """Drawing order: the markers on the centre line go over the bridges, which would hide them."""
+BARS_M, BAR_SHARE = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0), 0.3
+"""Lengths of scale bars, and the greatest share of a map's width that one takes."""
 MARKER_SPACING_M = 50.0
 """Distance between the markers on the centre line."""
+DECK = "#cbbfa8"
+"""Colour of the decks of bridges."""
 BANK, CENTRE, BRIDGE, ISLAND = "#7fe3ff", "#ffffff", "#e4572e", "#ffb000"
 """Colours of the lines over the map."""
 
@@ -52,6 +58,12 @@ def draw(world: World, path: str | Path, *, size_px: int = 1200) -> None:
     figure = _figure(world, size_px)
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         FigureCanvasAgg(figure).print_png(file)
+
+
+def size_in_scale(world: World, px_per_m: float) -> int:
+    """Return the `size_px` with which `draw` shows a metre in so many pixels."""
+    rows, columns = (count * world.grid.cell_m * px_per_m for count in world.ground_m.shape)
+    return round(max((rows + sum(FIXED_PX)) / (1.0 - sum(SHARES)), columns))
 
 
 def view(world: World) -> np.ndarray:
@@ -115,7 +127,7 @@ def _leaf_colours(world: World) -> np.ndarray:
 def _figure(world: World, size_px: int) -> Figure:
     """Return the complete page: map, markers, title and legend."""
     rows, columns = world.ground_m.shape
-    top, bottom = 0.055 * size_px + 12, 0.045 * size_px + 10
+    top, bottom = (share * size_px + fixed for share, fixed in zip(SHARES, FIXED_PX, strict=True))
     scale = min((size_px - top - bottom) / rows, size_px / columns)
     width, height = columns * scale, rows * scale
     figure = Figure(figsize=(width / DPI, (height + top + bottom) / DPI), dpi=DPI, facecolor="#14181c")
@@ -175,30 +187,34 @@ def _draw_course(axes, world: World, point: float) -> None:
 def _draw_solids(axes, world: World, point: float) -> None:
     """Draw the decks of the bridges and the edges of the islands."""
     for bridge in world.bridges:
-        along = np.array([math.cos(bridge[2]), math.sin(bridge[2])])
-        across = np.array([-along[1], along[0]])
-        shares = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * 0.5
-        corners = bridge[:2] + shares[:, :1] * bridge[3] * along + shares[:, 1:] * bridge[4] * across
         axes.add_patch(
-            Polygon(corners, facecolor="#cbbfa8", edgecolor=BRIDGE, lw=1.8 * point, alpha=0.9, zorder=SOLIDS)
+            Polygon(deck(bridge), facecolor=DECK, edgecolor=BRIDGE, lw=1.8 * point, alpha=0.9, zorder=SOLIDS)
         )
     for island in world.islands:
         axes.add_patch(Polygon(outline(island), fill=False, edgecolor=ISLAND, lw=1.6 * point, zorder=SOLIDS))
 
 
+def deck(bridge: np.ndarray) -> np.ndarray:
+    """Return the corners [4, 2] in metres of a bridge's deck from above; `bridge` [11] is a row of `World.bridges`."""
+    along = np.array([math.cos(bridge[2]), math.sin(bridge[2])])
+    across = np.array([-along[1], along[0]])
+    shares = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * 0.5
+    return bridge[:2] + shares[:, :1] * bridge[3] * along + shares[:, 1:] * bridge[4] * across
+
+
 def _draw_scale_and_north(axes, world: World, box: tuple[float, float, float, float], point: float) -> None:
-    """Draw a scale bar of 50 m (10 m on a small map), an arrow to the north, and the direction of the sun."""
+    """Draw a scale bar with its length at its end, an arrow to the north, and the direction of the sun."""
     west, east, south, north = box
-    length = 50.0 if east - west > 120.0 else 10.0
+    length = max(metres for metres in BARS_M if metres <= max(BAR_SHARE * (east - west), BARS_M[0]))
     x, y = west + 0.03 * (east - west), south + 0.03 * (north - south)
     edge = [withStroke(linewidth=3.0 * point, foreground="#10202a")]
     text = {"color": "white", "fontsize": 10 * point, "path_effects": edge, "ha": "center"}
-    for part in range(2):
-        ends = [x + 0.5 * part * length, x + 0.5 * (part + 1) * length]
-        axes.plot(
-            ends, [y, y], color=("white", "#222222")[part], lw=5 * point, solid_capstyle="butt", path_effects=edge
-        )
-    axes.text(x + 0.5 * length, y + 0.012 * (north - south), f"{length:.0f} m", va="bottom", **text)
+    high = 0.007 * (north - south)
+    for part, colour in enumerate(("white", "#222222")):
+        corner = (x + 0.5 * part * length, y - 0.5 * high)
+        axes.add_patch(Rectangle(corner, 0.5 * length, high, fc=colour, ec="white", lw=point, path_effects=edge))
+    for metres, label in ((0.0, "0"), (length, f"{length:.0f} m")):
+        axes.text(x + metres, y + high, label, va="bottom", **text)
     x, y, size = east - 0.05 * (east - west), south + 0.04 * (north - south), 0.06 * (north - south)
     arrow = {
         "arrowstyle": "-|>",
@@ -223,7 +239,7 @@ def _write_title(figure: Figure, world: World, height: float, width: float, poin
     river = world.river
     shape = "loop" if river.closed else "open course"
     narrow = width < 1000.0 * point
-    size = min(1.0, width / (800.0 * point)) * point
+    size = min(1.0, width / (880.0 * point)) * point
     name = f"{world.name}, seed {world.seed}"
     facts = (
         f"{shape} of {river.length_m:.1f} m, N = {river.segments}, "
@@ -244,7 +260,7 @@ def _write_legend(figure: Figure, world: World, height: float, width: float, poi
     entries = [
         Line2D([], [], color=CENTRE, ls=(0, (4, 2)), lw=1.5, label="centre line, markers every 50 m"),
         Line2D([], [], color=BANK, lw=1.5, label="banks (width)"),
-        Patch(facecolor="#cbbfa8", edgecolor=BRIDGE, label=f"bridges ({len(world.bridges)})"),
+        Patch(facecolor=DECK, edgecolor=BRIDGE, label=f"bridges ({len(world.bridges)})"),
         Patch(facecolor="none", edgecolor=ISLAND, label=f"islands ({len(world.islands)})"),
         Line2D([], [], color="#ffd75e", marker="o", lw=1.5, label="towards the sun"),
     ]

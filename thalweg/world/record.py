@@ -5,7 +5,7 @@ radians; x east, y north, z up; angles counter-clockwise from +x.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -138,6 +138,9 @@ class World:
             seed: int = 0,
             plants: bool = True,
         ) -> "World": ...
+
+        @staticmethod
+        def from_file(path: str | Path, *, seed: int = 0, plants: bool = True, **options: Any) -> "World": ...
 
         @staticmethod
         def load(path: str | Path) -> "World": ...

@@ -146,6 +146,13 @@ def test_each_condition_has_a_folder_in_the_results(tmp_path: Path):
         ({"name": "my/own"}, "a condition is called 'my/own'"),
         ({"name": ""}, "a condition is called ''"),
         ({"rivers": ("Cam",), "unseen": True}, "real rivers are neither levels nor unseen rivers"),
+        ({"files": {"Isar": {"file": "no.kml"}}}, "condition it: 'Isar' has a file, but is not in its rivers"),
+        ({"rivers": ("Isar",), "files": {"Isar": {"file": "no.kml"}}}, "river Isar: no.kml: there is no such file"),
+        ({"rivers": ("Isar",), "files": {"Isar": {}}}, "river Isar: file must be the path of a file, not None"),
+        ({"rivers": ("Isar",), "files": {"Isar": {"file": "x", "widht": 3}}}, "unknown option 'widht'; known: file, "),
+        ({"rivers": ("Isar",), "files": {"Isar": {"file": "x", "start_m": "3"}}}, "start_m is '3'; expected a number"),
+        ({"rivers": ("Cam",), "files": {"Cam": {"file": "x"}}}, "the name 'Cam' is that of another river"),
+        ({"rivers": ("a b",), "files": {"a b": {"file": "x"}}}, "a river is called 'a b'"),
         ({"unseen": True, "varied": ("haze",)}, "the appearance can vary only on the levels' fixed rivers"),
     ],
 )
@@ -173,3 +180,29 @@ def test_courses_follow_their_condition():
     assert 290.0 < real.world.river.length_m < 310.0
     assert [(course.world.seed, len(course.starts)) for course in unseen] == [(100_000, 1), (100_001, 1)]
     assert rivers.config(Trial("Easy", Condition("mode", deterministic=True))).deterministic
+
+
+def test_the_river_of_a_file_is_flown_under_its_own_name(tmp_path: Path):
+    path = tmp_path / "brook.geojson"
+    path.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0004, 48], [9.0008, 48], [9.0012, 48]]}')
+    condition = Condition("mine", rivers=("brook",), files={"brook": {"file": str(path), "width_m": 9.0}})
+    trial = Trial("brook", condition)
+    suite = replace(SUITE, conditions=(condition,))
+    assert trial in suite.trials(Run("baseline", "hover", 0))
+    (course,) = RiverBackend(suite).courses(trial)
+    assert (course.world.name, course.world.river.width_m[0]) == ("brook", 9.0)
+    data = condition.as_data()
+    assert "files" not in data
+    assert data["rivers"]["brook"] == condition.river("brook").as_data()
+
+
+def test_a_suite_takes_the_file_of_the_command_line_as_a_condition(tmp_path: Path):
+    from thalweg.cli.bench import with_river
+    from thalweg.world import Reach
+
+    path = tmp_path / "my brook (2).geojson"
+    path.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0004, 48], [9.0008, 48], [9.0012, 48]]}')
+    reach = Reach(path, width_m=9.0, reverse=True)
+    (condition,) = with_river(SUITE, reach).conditions
+    assert (condition.name, condition.rivers) == ("river", ("my-brook-2",))
+    assert condition.river("my-brook-2") == reach

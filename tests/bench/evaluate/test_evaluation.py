@@ -230,3 +230,24 @@ def test_reasons_have_the_names_of_the_paper():
         "MaxStepReached",
         "Success",
     )
+
+
+def test_on_an_open_course_an_episode_says_what_share_of_the_way_ahead_was_flown(tmp_path: Path):
+    """60 segments from x = 0. From x = 40.5, in segment 40, 20 lie ahead; four steps visit five of them."""
+    world = handmade.canal()
+    starts = np.array([[40.5, 0.0, 4.0, 0.0], [19.5, 0.0, 4.0, np.pi]])
+    ahead = Course(world, starts, np.zeros(2), np.arange(2))
+    rules = EnvConfig(observation="none", max_steps=4)
+    rows = evaluate(BASELINES["forward"], ahead, LABEL, EvaluationConfig(episodes=2, env=rules))
+    assert [row.progress for row in rows] == [5 / 60, 5 / 60]
+    assert [row.ahead for row in rows] == pytest.approx([5 / 20, 5 / 20])
+    write_episodes(tmp_path / "open.csv", rows)
+    assert read_episodes(tmp_path / "open.csv") == rows
+
+
+def test_on_a_loop_nothing_is_said_of_the_way_ahead_and_files_are_as_before(tmp_path: Path):
+    (row,) = evaluate(BASELINES["hover"], course(count=1), LABEL, EvaluationConfig(episodes=1))
+    assert row.ahead is None
+    write_episodes(tmp_path / "loop.csv", [row])
+    assert "ahead" not in (tmp_path / "loop.csv").read_text().splitlines()[0].split(",")
+    assert read_episodes(tmp_path / "loop.csv") == [row]

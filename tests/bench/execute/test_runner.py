@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -128,9 +129,18 @@ def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path,
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"arms": (Arm("PPO"), Arm("FOCUPS"))}, "unknown algorithm 'FOCUPS'; known: PPO, PPOLag, FOCOPS"),
-        ({"test_levels": ("Easy", "Meduim")}, "unknown level 'Meduim'; known: Easy, Medium, Hard"),
-        ({"baselines": ("hoover",)}, "unknown baseline 'hoover'; known: random, hover, forward, pilot, steady"),
+        (
+            {"arms": (Arm("PPO"), Arm("FOCUPS"))},
+            r"unknown algorithm 'FOCUPS' \(did you mean 'FOCOPS'\?\); known: PPO, PPOLag, FOCOPS",
+        ),
+        (
+            {"test_levels": ("Easy", "Meduim")},
+            r"unknown level 'Meduim' \(did you mean 'Medium'\?\); known: Easy, Medium, Hard",
+        ),
+        (
+            {"baselines": ("hoover",)},
+            r"unknown baseline 'hoover' \(did you mean 'hover'\?\); known: random, hover, forward, pilot, steady",
+        ),
         (
             {"arms": ({"algorithm": "PPO", "steps": 0},)},
             r"arms\[0\]\.steps must be .* of at least 1, got 0",
@@ -234,6 +244,27 @@ def test_the_film_shows_the_best_flight_of_a_trained_policy_and_says_so(tmp_path
         f"The best of 12 flights of trained policies there. The 6 flights of "
         f"{best.algorithm} have a mean return of {np.mean(returns):.2f} ± {np.std(returns):.2f}.\n"
     )
+
+
+def test_a_suite_without_films_makes_none_and_may_be_filmed_later(tmp_path: Path):
+    first, later = SmallBackend(), SmallBackend()
+    outcome = run_suite(replace(SUITE, film="none"), tmp_path, first)
+    assert outcome.report.film is None and not any(call.startswith("film") for call in first.calls)
+    assert not (tmp_path / "films").exists() and "film" not in json.loads((tmp_path / "suite.json").read_text())
+    run_suite(SUITE, tmp_path, later)
+    assert [call.split()[0] for call in later.calls] == ["film"] * FILMS
+
+
+@pytest.mark.parametrize(("film", "whose"), [("packaged", "packaged-0"), ("best", "FOCOPS-0")])
+def test_the_main_film_is_that_of_the_packaged_policy_or_of_the_best_trained_one(tmp_path: Path, film: Any, whose: str):
+    suite = replace(SUITE, packaged=True, film=film)
+    run_suite(SUITE, tmp_path, SmallBackend())
+    results = read_results(tmp_path)
+    row = next(row for row in results.episodes if row.level == "Medium" and row.algorithm == "FOCOPS" and row.seed == 0)
+    trained = replace(row, return_=9.0)
+    packaged = replace(row, algorithm="packaged", return_=9.9)
+    found = best_of_all(suite, replace(results, episodes=[trained, packaged]))
+    assert found is not None and found.run.name == whose
 
 
 def test_another_best_flight_is_filmed_again(tmp_path: Path):

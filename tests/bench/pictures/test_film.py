@@ -1,18 +1,33 @@
 """Tests of films of flights and of their maps."""
 
+import errno
+from collections import namedtuple
 from dataclasses import replace
 from pathlib import Path
 
 import imageio.v2 as imageio
 import numpy as np
 import pytest
+from PIL import Image
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label, Step, evaluate
-from thalweg.bench.pictures.film import AROUND_M, FRAMES_PER_S, HOLD_S, START, VEHICLE, Flight, RiverMap, write_film
-from thalweg.bench.pictures.film_format import LARGE, SMALL, FilmFormat
+from thalweg.bench.pictures.film import (
+    AROUND_M,
+    FRAMES_PER_S,
+    HOLD_S,
+    START,
+    VEHICLE,
+    Flight,
+    RiverMap,
+    inset_box,
+    shows_river,
+    smooth,
+    write_film,
+)
+from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX, SMALL, FilmFormat
 from thalweg.env import sample_starts
 from thalweg.render import Camera
 from thalweg.world import World
@@ -58,6 +73,39 @@ def test_a_map_around_a_point_has_it_in_the_middle_and_the_end_of_the_track_on_i
     assert tuple(drawn[50, 50]) == VEHICLE and tuple(drawn[50, 40]) == START
 
 
+def test_a_smooth_track_keeps_its_ends_and_loses_its_zigzag():
+    straight = np.array([[float(step), 0.5 * (-1) ** step] for step in range(40)])
+    track = smooth(straight)
+    np.testing.assert_array_equal(track[[0, -1]], straight[[0, -1]])
+    np.testing.assert_allclose(track[1], straight[:3].mean(axis=0))
+    np.testing.assert_allclose(track[20], straight[16:25].mean(axis=0))
+    assert np.abs(track[10:30, 1]).max() < 0.06 and np.allclose(track[:, 0], straight[:, 0])
+    np.testing.assert_array_equal(smooth(straight[:1]), straight[:1])
+
+
+def picture_with(mask: np.ndarray, shape: FilmFormat) -> np.ndarray:
+    """Return a black picture of a film with a mask, which fills its inset."""
+    picture = np.zeros((*shape.size_px[::-1], 3), np.uint8)
+    left, top, right, bottom = inset_box(shape)
+    picture[top:bottom, left:right] = np.asarray(Image.fromarray(mask).resize((right - left, bottom - top)))[..., None]
+    return picture
+
+
+def test_the_picture_of_a_film_has_the_river_ahead_and_banks_at_its_sides():
+    bank, lake, river, side = (np.zeros((30, 30), np.uint8) for _ in range(4))
+    lake[15:], river[15:, 10:20], side[15:, :10] = 255, 255, 255
+    scores = [shows_river(picture_with(mask, SMALL), SMALL) for mask in (river, lake, bank, side)]
+    assert scores[0] > 0.4 and scores[1:3] == pytest.approx([0, 0], abs=0.02) and scores[3] < -0.1
+
+
+@pytest.mark.parametrize("shape", [LARGE, SMALL])
+def test_the_text_is_above_the_map_and_the_mask_in_the_sky_where_no_controls_cover_them(shape: FilmFormat):
+    _, height = shape.size_px
+    assert shape.map_top_px + shape.map_px == height - MARGIN_PX
+    assert shape.map_top_px >= 4 * shape.font_px  # four lines
+    assert inset_box(shape)[3] < height / 2
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("shape", "shown"), [(LARGE, 7), (SMALL, 3)])
 def test_a_film_has_a_frame_for_each_shown_step_and_holds_the_last(
@@ -77,7 +125,7 @@ def test_a_film_has_a_frame_for_each_shown_step_and_holds_the_last(
     assert frames[0].shape == (shape.size_px[1], shape.size_px[0], 3)
     assert np.abs(frames[shown - 1].astype(int) - frames[-1]).mean() < 2
     assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 2
-    assert [file.name for file in tmp_path.iterdir()] == ["film.mp4"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["film.jpg", "film.mp4"]
 
 
 @pytest.mark.parametrize(("steps", "shown"), [(1, [0]), (3, [0, 2]), (4, [0, 3]), (8, [0, 3, 6, 7])])
@@ -89,6 +137,21 @@ def test_the_last_step_is_always_shown(steps: int, shown: list[int]):
 def test_sides_that_are_no_multiple_of_a_block_are_refused():
     with pytest.raises(ValueError, match=r"a film of \(440, 256\) pixels"):
         replace(SMALL, map_px=168)
+
+
+@pytest.mark.parametrize(("free", "number"), [(0, errno.ENOSPC), (10**9, None)], ids=["full", "not full"])
+def test_a_pipe_to_ffmpeg_that_breaks_on_a_full_disk_is_the_error_of_the_disk(
+    easy_world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, number: int | None
+):
+    def broken(*_, **__):
+        raise OSError("[Errno 32] Broken pipe: FFMPEG COMMAND ...")
+
+    monkeypatch.setattr("thalweg.bench.pictures.film.imageio.get_writer", broken)
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr("thalweg.bench.pictures.film.shutil.disk_usage", lambda _: usage(10**9, 10**9 - free, free))
+    with pytest.raises(OSError, match="No space" if number else "Broken pipe") as raised:
+        write_film(tmp_path / "film.mp4", easy_world, flight_on(easy_world, steps=1), "pilot")
+    assert (raised.value.errno, raised.value.filename) == (number, str(tmp_path / "film.mp4") if number else None)
 
 
 def test_a_flight_without_steps_is_refused(easy_world: World, tmp_path: Path):

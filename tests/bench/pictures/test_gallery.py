@@ -22,7 +22,9 @@ def test_each_strip_shows_both_ends_of_its_range_and_the_default():
         index = PARAMETERS.index(name)
         left, top = index % 2 * (wide + 4 * GAP_PX), index // 2 * (high + 2 * GAP_PX) + TITLE_PX
         ends = getattr(ranges, name)
-        looks = [Look(**{name: ends[0]}), Look(), Look(**{name: ends[1]})]
+        usual = getattr(Look(), name)
+        middle = usual if ends[0] < usual < ends[1] else sum(ends) / 2  # the default is not shown twice
+        looks = [Look(**{name: value}) for value in (ends[0], middle, ends[1])]
         for k, frame in enumerate(renderer.render(np.tile(pose, (3, 1)), look=looks)):
             at = left + k * (SIZE + GAP_PX)
             np.testing.assert_array_equal(page[top : top + SIZE, at : at + SIZE], frame[..., :3])

@@ -9,6 +9,7 @@ from tests.env import handmade
 from thalweg.bench.report.comparison_figures import condition_grid, return_profiles
 from thalweg.bench.report.failure_maps import failure_maps
 from thalweg.bench.results.results import Results
+from thalweg.world.map_image import deck
 
 
 def test_profiles_have_a_line_for_each_trained_policy(results: Results):
@@ -37,9 +38,18 @@ def test_a_map_marks_where_flights_failed(results: Results):
     assert figure is not None
     shown = [axis for axis in figure.axes if axis.get_visible()]
     assert [axis.get_title() for axis in shown] == ["PPO: 3 of 6 failed", "FOCOPS: 0 of 6 failed"]
-    water, *dots = shown[0].collections
+    water, islands, bridges, *dots = shown[0].collections
+    assert not islands.get_paths() and not bridges.get_paths()
     assert len(water.get_paths()) == len(handmade.ring().river.position_m)  # a closed river: a piece after each point
     marks = [np.asarray(found.get_offsets()) for found in dots]
     np.testing.assert_array_equal(np.concatenate(marks), [[10.0, 3.0]] * 3)
+    island, bridge = [10.0, 3.0, 4.0, 2.0, 0.3], [-5.0, 2.0, 0.0, 16.0, 5.0, 9.0, 0.2, 1.4, 2.2, 0.1, 0.5]
+    world = replace(handmade.ring(), islands=np.array([island]), bridges=np.array([bridge]))
+    figure = failure_maps(results, "Medium", world)
+    assert figure is not None
+    _, islands, bridges, *_ = figure.axes[0].collections
+    np.testing.assert_allclose(np.asarray(islands.get_paths()[0].vertices)[:-1].mean(axis=0), [10.0, 3.0], atol=0.05)
+    np.testing.assert_allclose(np.asarray(bridges.get_paths()[0].vertices)[:4], deck(world.bridges[0]))
+    assert [text.get_text() for text in figure.legends[0].get_texts()][-2:] == ["bridge", "island"]
     old = [replace(row, end_x=float("nan")) for row in results.episodes]
     assert failure_maps(replace(results, episodes=old), "Medium", handmade.ring()) is None

@@ -1,5 +1,6 @@
 """Tests of the figures: which curves, bands and bars they draw."""
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from thalweg.bench.evaluate.episodes import REASON_TEXT, REASONS
-from thalweg.bench.report.figures import PANELS, failure_bars, line_style, pdf, training_curves
+from thalweg.bench.report.figures import COLOURS, MOST_TOGETHER, PANELS, failure_bars, line_style, pdf, training_curves
 from thalweg.bench.results.reading import read_results
 
 
@@ -24,6 +25,22 @@ def test_every_panel_has_a_curve_for_each_algorithm_and_a_band_over_seeds(tiny_r
         assert len(axis.collections) == 1  # the band of PPO
         assert axis.get_legend() is None
     assert len(figure.legends) == 1
+
+
+def test_many_policies_have_a_row_each_with_the_others_in_grey(tiny_results: Path):
+    results = read_results(tiny_results)
+    (first, *_) = results.training
+    names = [f"P{number}" for number in range(MOST_TOGETHER + 1)]
+    figure = training_curves(replace(results, training=[replace(first, algorithm=name) for name in names]))
+    assert figure is not None
+    panels = np.reshape(np.array(figure.axes, dtype=object), (len(names), len(PANELS)))
+    assert [row[0].get_ylabel() for row in panels] == [f"{name}\n(1 seed)" for name in names]
+    for row, name in zip(panels, names, strict=True):
+        for axis in row:
+            *others, own = axis.lines
+            assert len(others) == len(names) and own.get_label() == name
+            assert own.get_color() == COLOURS[0] and {line.get_color() for line in others} == {"#c9cdd1"}
+            assert axis.get_ylim() == panels[0][list(row).index(axis)].get_ylim()
 
 
 def test_the_first_twenty_policies_have_lines_of_their_own():

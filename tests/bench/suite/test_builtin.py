@@ -8,11 +8,13 @@ from typing import Any
 import pytest
 import yaml
 
+from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import CONDITIONS, Condition
 from thalweg.bench.suite.builtin import SUITES, load_suite
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.cli.main import main
+from thalweg.train.run import too_short
 
 ROOT = Path(__file__).resolve().parents[3]
 MINE = """
@@ -32,6 +34,22 @@ conditions: [real, {name: dusk, varied: [sun_elevation_deg], blind: false}]
 def written(folder: Path, text: str) -> str:
     (folder / "mine.yaml").write_text(text)
     return str(folder / "mine.yaml")
+
+
+@pytest.mark.parametrize(("written", "film"), [("false", "none"), ("none", "none"), ("best", "best")])
+def test_a_file_says_what_is_filmed(tmp_path: Path, written: str, film: str):
+    (tmp_path / "mine.yaml").write_text(f"arms: [{{algorithm: PPO}}]\nfilm: {written}\n")
+    assert load_suite(str(tmp_path / "mine.yaml")).film == film
+    (tmp_path / "mine.yaml").write_text("arms: [{algorithm: PPO}]\nfilm: all\n")
+    with pytest.raises(ResultsError, match="film must be one of 'packaged', 'best', 'none', got 'all'"):
+        load_suite(str(tmp_path / "mine.yaml"))
+
+
+def test_no_run_of_a_suite_is_too_short_to_learn():
+    for suite in SUITES.values():
+        for arm in suite.arms:
+            config = ALGORITHMS[arm.algorithm].configure(dict(arm.settings), arm.preset, suite.num_envs)
+            assert not too_short(config, arm.steps, suite.num_envs), arm.label
 
 
 def test_a_file_gives_the_same_suite_as_the_constructor(tmp_path: Path):

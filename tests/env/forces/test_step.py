@@ -7,6 +7,7 @@ import pytest
 
 from tests.env.forces.flights import FORWARD, MIDDLE, STILL, begun, flown, wide_water
 from tests.env.handmade import canal, ring
+from tests.env.task.priced.flights import PRICED, erratic, made, rivers
 from tests.env.winds import wind_of
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import DoneReason
@@ -169,3 +170,25 @@ def test_without_forces_info_and_state_have_no_more_than_before():
     env = RiverVectorEnv(ring(), 2, EnvConfig(observation="none"))
     _, info = env.reset(seed=0)
     assert not {"wind", "velocity"} & info.keys() and not [key for key in env.get_state() if key.startswith("force")]
+
+
+@pytest.mark.parametrize("task", PRICED)
+def test_a_step_under_forces_pays_and_costs_what_its_task_says(task: str):
+    """A current that carries nothing makes the step that of forces, and changes nothing."""
+    river = rivers()["ring"]
+    calm = made(task, river, mode="DISABLED")
+    pushed = made(task, river, mode="DISABLED", current_m_per_s=0.5)
+    calm.reset(seed=3)
+    pushed.reset(seed=3)
+    rng, going, total = np.random.default_rng(5), np.ones(calm.num_envs, bool), 0.0
+    for _ in range(40):
+        actions = erratic(calm, rng)
+        for env in (calm, pushed):
+            env._ended[:] = False
+        (_, paid, _, _, one), (_, rewards, _, _, other) = calm.step(actions), pushed.step(actions)
+        np.testing.assert_array_equal(rewards[going], paid[going])
+        for name in ("costs", "pose", "done_reason", "progress"):
+            np.testing.assert_array_equal(other[name][going], one[name][going])
+        total += one["costs"][going, 2].sum()
+        going &= one["done_reason"] < 0
+    assert total > 0

@@ -11,6 +11,7 @@ from thalweg.render.kernels.bridge_edges import edge_colour, soften_edges
 from thalweg.render.kernels.frame import draw_rows, empty_buffers
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.classes import BRIDGE
+from thalweg.render.records.props import NO_PROPS
 from thalweg.render.records.view import COLOURS, Buffers, View
 from thalweg.render.reference import frame as reference
 
@@ -24,7 +25,7 @@ def test_antialiased_edges_of_bridges_are_nearer_to_the_reference_and_feet_stay_
     look = look_rows(look_values(None, 1), camera)[0]
     view = View(0, look, posed(pose, look, camera), np.float32(0))
     buffers = empty_buffers(height, 64, COLOURS)
-    draw_rows(renderer.scene, view, False, COLOURS, 0, height, buffers)
+    draw_rows(renderer.scene, view, NO_PROPS[0], False, COLOURS, 0, height, buffers)
     buffers = Buffers(*(np.ascontiguousarray(buffer[:height]) for buffer in buffers))
     hard = np.stack([buffers.red, buffers.green, buffers.blue], axis=-1)
     soften_edges(renderer.scene, view, buffers)
@@ -63,7 +64,7 @@ def test_testing_neighbours_first_leaves_out_no_pixel(pose):
     look = look_rows(look_values(None, 1), camera)[0]
     view = View(0, look, posed(np.array(pose), look, camera), np.float32(0))
     buffers = empty_buffers(height, width, COLOURS)
-    draw_rows(renderer.scene, view, False, COLOURS, 0, height, buffers)
+    draw_rows(renderer.scene, view, NO_PROPS[0], False, COLOURS, 0, height, buffers)
     buffers = Buffers(*(np.ascontiguousarray(buffer[:height]) for buffer in buffers))
     # Half of the pixels lie behind leaves, some of which hide an edge altogether.
     buffers.transmittance[...] = np.random.default_rng(1).choice([0.2, 0.6, 1.0], buffers.kind.shape)

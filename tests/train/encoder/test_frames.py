@@ -6,7 +6,7 @@ import pytest
 from thalweg.encoder import EncoderInputError
 from thalweg.render import Camera, Renderer
 from thalweg.train.encoder.frames import collect_frames, level_worlds, render_frames, sample_views
-from thalweg.world import WorldError
+from thalweg.world import Reach, WorldError
 
 SMALL = Camera(height_px=64, width_px=64)
 
@@ -68,3 +68,12 @@ def test_bad_requests_are_named():
         collect_frames(2, rivers=3, progress=False)
     with pytest.raises(EncoderInputError, match="0 images of 1 rivers"):
         collect_frames(0, progress=False)
+
+
+def test_frames_of_a_real_river_are_those_of_its_world(tmp_path):
+    path = tmp_path / "brook.geojson"
+    path.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0004, 48], [9.0008, 48], [9.0012, 48]]}')
+    reach = Reach(path, width_m=9.0)
+    frames = collect_frames(3, reach, seed=1, camera=SMALL, progress=False)
+    poses, index, clock = sample_views([reach.build()], 3, 1)
+    assert np.array_equal(frames, render_frames(Renderer([reach.build()], SMALL), poses, index, clock, progress=False))

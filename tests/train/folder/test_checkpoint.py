@@ -1,6 +1,8 @@
 """Tests of the checkpoint files: exact contents, damage, and interrupted writes."""
 
+import errno
 import json
+import os
 
 import numpy as np
 import pytest
@@ -52,6 +54,33 @@ def test_the_step_to_resume_from_is_that_of_the_newest(tmp_path):
     for step in (9, 1024, 24576):
         save_checkpoint(tmp_path, step, {})
     assert newest_step(tmp_path) == 24576
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """A disk that takes no more, which shows when a file is synced."""
+
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+
+
+@pytest.mark.usefixtures("full_disk")
+def test_a_checkpoint_on_a_full_disk_is_named_and_takes_no_space(tmp_path):
+    with pytest.raises(OSError, match="No space") as raised:
+        save_checkpoint(tmp_path, 5, {"at": 5})
+    assert raised.value.filename == str(tmp_path / "checkpoints" / "000000000005")
+    assert list((tmp_path / "checkpoints").iterdir()) == []
+
+
+@pytest.mark.usefixtures("full_disk")
+def test_a_table_on_a_full_disk_is_named(tmp_path):
+    table = CsvTable(tmp_path / "table.csv", columns=["a"])
+    with pytest.raises(OSError, match="No space") as raised:
+        table.sync()
+    assert raised.value.filename == str(tmp_path / "table.csv")
+    table.close()
 
 
 def test_no_checkpoint_is_none(tmp_path):

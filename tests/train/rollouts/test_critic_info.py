@@ -176,8 +176,7 @@ def test_an_encoder_of_tensors_leaves_them_as_they_are():
             return frames[:, 0, 0, :1].float()
 
     env = LatentTensorEnv(TensorRiverEnv([ring()], 2, EnvConfig(critic_info=True), device="cpu"), First())
-    env._encode = lambda frames: torch.zeros(2, 1)
-    env.env._observations = lambda: None  # nothing need be drawn
+    env.env.observe = lambda: torch.zeros(2, 1, 1, 4)  # nothing need be drawn
     _, info = env.reset(seed=0)
     *_, stepped = env.step(torch.ones(2, 4, dtype=torch.int64))
     assert critic_size(env) == 40 == info["critic_obs"].shape[1] == stepped["critic_obs"].shape[1]

@@ -62,3 +62,15 @@ def test_the_projection_error_grows_with_the_cube_of_the_distance():
 
 def test_the_pole_is_half_a_minor_axis_from_the_centre():
     np.testing.assert_allclose(geodesy.earth_centred(np.array([[123.0, 90.0]])), [[0, 0, 6356752.3142]], atol=1e-3)
+
+
+@pytest.mark.parametrize("origin", [(11.0, 48.0), (-179.999, -33.0), (0.0, 89.9), (30.0, 0.0)])
+def test_metres_turn_back_into_degrees(origin):
+    places = np.array([[0.0, 0.0], [5000.0, 0.0], [-300.0, 8000.0], [12.0, -9000.0]])
+    degrees = geodesy.degrees_of(places, np.array(origin))
+    np.testing.assert_allclose(geodesy.local_metres(degrees, np.array(origin)), places, atol=1e-6)
+    np.testing.assert_allclose(degrees[0], origin, atol=1e-12)
+
+
+def test_a_place_beyond_the_earths_edge_has_no_degrees():
+    assert np.isnan(geodesy.degrees_of(np.array([[7e6, 0.0]]), np.array([11.0, 48.0]))).all()

@@ -1,7 +1,8 @@
 """Conditions of evaluation: the paper's main one, and others that vary actions, rivers or appearance."""
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from thalweg.core.config import TupleOf, frozen_config, to_plain
 from thalweg.render.errors import RenderError
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.world import LEVELS, Reach
+from thalweg.world.real.selection import Selection
 
 NAME = re.compile(r"\w+([-.]\w+)*")
 """Names that arms and conditions may have, since files and folders are named after them."""
@@ -36,7 +38,10 @@ class Condition:
     levels: TupleOf[str] = ()
     """Levels to fly on; if empty, all test levels of the suite, or none if there are `rivers`."""
     rivers: TupleOf[str] = ()
-    """Real rivers to fly on, of `RIVERS`."""
+    """Real rivers to fly on, of `RIVERS` or `files`."""
+    files: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Files of other real rivers by their names in results: `file`, its path, and options such as `start_m`, which are
+    the fields of `thalweg.world.real.selection.Selection`."""
     deterministic: bool = False
     """Whether the most probable action is taken instead of a sampled one."""
     unseen: bool = False
@@ -52,7 +57,8 @@ class Condition:
     def _check(self) -> "Condition":
         if self.name and not NAME.fullmatch(self.name):
             raise ValueError(f"a condition is called {self.name!r}; letters, digits, - and . will do")
-        for what, names, known in (("level", self.levels, LEVELS), ("river", self.rivers, RIVERS)):
+        self._check_files()
+        for what, names, known in (("level", self.levels, LEVELS), ("river", self.rivers, {**RIVERS, **self.files})):
             for name in names:
                 if name not in known:
                     raise ValueError(f"condition {self.name}: unknown {what} {name!r}; known: {', '.join(known)}")
@@ -64,6 +70,32 @@ class Condition:
             raise ValueError(f"condition {self.name}: the appearance can vary only on the levels' fixed rivers")
         self.randomisation  # noqa: B018  raises the error for unknown parameters
         return self
+
+    def _check_files(self) -> None:
+        """Raise `ValueError` for a file that is not there, an option that is wrong, or a name that is taken."""
+        for name, options in self.files.items():
+            if not NAME.fullmatch(name):
+                raise ValueError(f"a river is called {name!r}; letters, digits, - and . will do")
+            if name in RIVERS or name in LEVELS:
+                raise ValueError(f"condition {self.name}: the name {name!r} is that of another river")
+            if name not in self.rivers:
+                raise ValueError(f"condition {self.name}: {name!r} has a file, but is not in its rivers")
+            known = ("file", *Selection.__dataclass_fields__)
+            if unknown := [key for key in options if key not in known]:
+                raise ValueError(f"river {name}: unknown option {unknown[0]!r}; known: {', '.join(known)}")
+            if not isinstance(options.get("file"), str):
+                raise ValueError(f"river {name}: file must be the path of a file, not {options.get('file')!r}")
+            reach = self.river(name)
+            reach.check_options()
+            if not reach.path.is_file():
+                raise ValueError(f"river {name}: {reach.path}: there is no such file")
+
+    def river(self, name: str) -> Reach:
+        """Return the real river with a name."""
+        if name in RIVERS:
+            return RIVERS[name]
+        options = dict(self.files[name])
+        return Reach(Path(options.pop("file")), **options)
 
     @property
     def randomisation(self) -> Randomisation | None:
@@ -77,10 +109,10 @@ class Condition:
             raise ResultsError(f"condition {self.name}: {error}") from error
 
     def as_data(self) -> dict[str, Any]:
-        """Return plain data for JSON, in which rivers are identified by their content; without a shield as before there
-        was one."""
-        data = to_plain(self) | {"rivers": {name: RIVERS[name].as_data() for name in self.rivers}}
-        return {name: value for name, value in data.items() if name != "shield" or value}
+        """Return plain data for JSON, in which rivers are identified by their content; without a shield and files as
+        before there were any."""
+        data = to_plain(self) | {"rivers": {name: self.river(name).as_data() for name in self.rivers}}
+        return {name: value for name, value in data.items() if name != "files" and (name != "shield" or value)}
 
 
 MAIN = Condition()
@@ -91,7 +123,7 @@ class Trial:
     """One evaluation of a policy: a river, and the condition."""
 
     level: str
-    """A level, or one of `RIVERS`."""
+    """A level, or a real river of the condition."""
     condition: Condition = MAIN
 
     def __str__(self) -> str:

@@ -1,7 +1,7 @@
 """Records of evaluated episodes and their CSV files; every figure of a report is computed from them."""
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
 from math import isfinite
 from pathlib import Path
 
@@ -9,12 +9,17 @@ from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
 from thalweg.core.atomic_io import write_atomic
 from thalweg.env import DoneReason
 
-REASONS = tuple(reason.label for reason in DoneReason if reason >= 0)
+ALL_REASONS = tuple(reason.label for reason in DoneReason if reason >= 0)
 """Reasons for the end of an episode, in the order of the codes of `thalweg.env.DoneReason`."""
+REASONS = tuple(reason for reason in ALL_REASONS if reason != DoneReason.COST_INCURRED.label)
+"""Those of the paper, which the tables and figures of reports count."""
 REASON_TEXT = dict(
     zip(
-        REASONS,
-        ("collision", "left the river", "too low or high", "faced backwards", "idle", "out of steps", "success"),
+        ALL_REASONS,
+        (
+            *("collision", "left the river", "too low or high", "faced backwards", "idle", "out of steps", "success"),
+            "incurred a cost",
+        ),
         strict=True,
     )
 )
@@ -41,16 +46,16 @@ class Episode:
     return_: float
     """Sum of the rewards; the column is called `return`."""
     cost: float
-    """Sum of the costs, tight and loose."""
+    """Sum of the costs of all kinds."""
     tight: float
     loose: float
     length: int
     """Number of steps."""
     reason: str
-    """One of `REASONS`."""
+    """One of `ALL_REASONS`."""
     success: bool
     progress: float
-    """Share of the course's segments that were visited."""
+    """As `info["progress"]` at its end."""
     end_x: float = float("nan")
     """End position in metres; NaN in results from before it was recorded."""
     end_y: float = float("nan")
@@ -59,38 +64,50 @@ class Episode:
     """Version of the shield that the flight had; 0 for none."""
     vetoes: int = 0
     """Number of moves that the shield replaced."""
+    ahead: float | None = None
+    """Share of the segments ahead of the start, on an open course, that were visited; None on a loop, where all are."""
 
 
 END_COLUMNS = ("end_x", "end_y", "end_z")
 """Columns of the end position, which older results lack."""
 SHIELD_COLUMNS = ("shield", "vetoes")
 """Columns that only files with shielded flights have."""
-COLUMNS = tuple(field.name.rstrip("_") for field in fields(Episode) if field.name not in SHIELD_COLUMNS)
+OPEN_COLUMNS = ("ahead",)
+"""Columns that only files with flights along open courses have."""
+COLUMNS = tuple(
+    field.name.rstrip("_") for field in fields(Episode) if field.name not in (*SHIELD_COLUMNS, *OPEN_COLUMNS)
+)
 
 
 def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
     """Write the rows as CSV, atomically."""
     columns = COLUMNS + (SHIELD_COLUMNS if any(row.shield for row in episodes) else ())
-    rows = [[int(value) if isinstance(value, bool) else value for value in astuple(row)] for row in episodes]
-    write_atomic(path, csv_text(columns, [row[: len(columns)] for row in rows]))
+    columns += OPEN_COLUMNS if any(row.ahead is not None for row in episodes) else ()
+    attributes = ["return_" if name == "return" else name for name in columns]
+    values = [[getattr(row, name) for name in attributes] for row in episodes]
+    rows = [[int(value) if isinstance(value, bool) else value for value in row] for row in values]
+    write_atomic(path, csv_text(columns, rows))
 
 
 def read_episodes(path: Path) -> list[Episode]:
     """Return the rows of a file; raises `ResultsError` for a file that is half-written or of another kind."""
     parse = {"int": int, "float": float, "str": str, "bool": lambda text: bool(int(text))}
+    parse["share"] = lambda text: float(text) if text else None
     episodes = []
-    defaults = dict.fromkeys(END_COLUMNS, "nan") | dict.fromkeys(SHIELD_COLUMNS, "0")
+    defaults = dict.fromkeys(END_COLUMNS, "nan") | dict.fromkeys(OPEN_COLUMNS, "") | dict.fromkeys(SHIELD_COLUMNS, "0")
     for number, row in enumerate(read_csv(path, [name for name in COLUMNS if name not in END_COLUMNS]), start=2):
         texts = defaults | row
         try:
             values = [
-                parse[getattr(field.type, "__name__", "str")](texts[field.name.rstrip("_")])
+                parse["share" if field.name in OPEN_COLUMNS else getattr(field.type, "__name__", "str")](
+                    texts[field.name.rstrip("_")]
+                )
                 for field in fields(Episode)
             ]
         except ValueError as error:
             raise ResultsError(f"{path.name} line {number}: {error}") from error
         episode = Episode(*values)
-        if episode.reason not in REASONS:
+        if episode.reason not in ALL_REASONS:
             raise ResultsError(f"{path.name} line {number}: unknown reason {episode.reason!r}")
         for name, value in (("return", episode.return_), ("cost", episode.cost)):
             if not isfinite(value):

@@ -15,8 +15,9 @@ import torch
 from thalweg.algos.policy.policy import Player
 from thalweg.bench.evaluate.baselines import DRAWN, Policy, RecurrentPolicy, Sight, sight_of
 from thalweg.bench.evaluate.course import DEFAULT_EVALUATION, Course, EvaluationConfig
-from thalweg.bench.evaluate.episodes import END_COLUMNS, REASONS, Episode
+from thalweg.bench.evaluate.episodes import ALL_REASONS, END_COLUMNS, Episode
 from thalweg.bench.evaluate.shielded import FlightShield, check_shield
+from thalweg.core.compute.counter_random import scene_of
 from thalweg.core.compute.device import resolve_device
 from thalweg.encoder import Encoder
 from thalweg.env import RiverVectorEnv
@@ -49,6 +50,8 @@ class Step:
     """[K] float64."""
     returns: np.ndarray
     """[K] float64, returns so far."""
+    props: np.ndarray | None = None
+    """[K, P, 6] float32, the objects of the task in each view (`thalweg.render.records.props`); None without any."""
     waiting: int = 0
     """Number of episodes on other rivers that have not started."""
 
@@ -152,7 +155,8 @@ def _frames_of(
         size = len(rows), camera.height_px, camera.width_px, channels
         frames = torch.empty(size, dtype=torch.uint8, device=device)
         views = tuple(torch.from_numpy(np.ascontiguousarray(array)).to(device) for array in arrays)
-        renderer.render_tensors(views, frames)
+        props = {} if step.props is None else {"props": torch.from_numpy(step.props).to(device)}
+        renderer.render_tensors(views, frames, **props)
         return frames
 
     return draw
@@ -188,11 +192,13 @@ def evaluate(
     if shield is not None:
         shield.begin(env, course.looks)
     players = [_player(policy, episode_generator(label, int(index)), config) for index in course.indices]
-    totals = _EpisodeTotals(len(course.starts))
+    totals = _EpisodeTotals(_share_ahead(course, env.get_state()))
     actions = np.ones((len(course.starts), 4), dtype=np.int64)
     while len(flying := np.flatnonzero(totals.reason < 0)):
         state = env.get_state()
-        step = Step(flying, state["pose"][flying], state["time_s"][flying], totals.return_[flying])
+        props = env.props() if config.env.task_record.props else None
+        seen = None if props is None else props[flying]
+        step = Step(flying, state["pose"][flying], state["time_s"][flying], totals.return_[flying], seen)
         if on_step is not None:
             on_step(step)
         if sees in (*DRAWN, "privileged") and observe is not None:
@@ -238,14 +244,28 @@ def _make_env(course: Course, config: EvaluationConfig, sees: Sight, felt: bool)
     env.reset(seed=config.starts_seed, options={"pose": course.starts})
     state = env.get_state()
     state["time_s"] = course.clocks_s.copy()
+    if "scene" in state:  # what moves belongs to the start, whichever others are flown beside it
+        moves = env.courses.swimmers[env.world_index] > 0
+        state["scene"] = np.where(moves, [scene_of(config.starts_seed, index) for index in course.indices], 0)
     env.set_state(state)
     return env
+
+
+def _share_ahead(course: Course, state: dict[str, np.ndarray]) -> np.ndarray:
+    """Return [K] the share of the course's segments from that of each start on, in its direction; NaN on a loop."""
+    rivers = [world.river for world in course.rivers or (course.world,) * len(course.starts)]
+    segments = np.array([river.segments for river in rivers])
+    ahead = np.where(state["travel"] > 0, segments - state["segment"], state["segment"] + 1)
+    return np.where([river.closed for river in rivers], np.nan, ahead / segments)
 
 
 class _EpisodeTotals:
     """Totals of each episode until its first end; later steps of its slot do not count."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, share_ahead: np.ndarray) -> None:
+        """share_ahead [K]: share of the segments that lie ahead of each start; NaN on a loop."""
+        count = len(share_ahead)
+        self.share_ahead = share_ahead
         self.return_ = np.zeros(count)
         self.costs = np.zeros((count, 2))
         self.cost = np.zeros(count)
@@ -256,12 +276,17 @@ class _EpisodeTotals:
 
     def add(self, flying: np.ndarray, reward: np.ndarray, info: dict) -> None:
         self.return_[flying] += reward[flying]
-        self.costs[flying] += info["costs"][flying]
+        self.costs[flying] += info["costs"][flying, :2]
         self.cost[flying] += info["cost"][flying]
         self.length[flying] += 1
         self.progress[flying] = info["progress"][flying]
         self.reason[flying] = info["done_reason"][flying]
         self.ends[flying] = info["pose"][flying, :3]
+
+    def _ahead(self, index: int) -> float | None:
+        """Return the share flown of what lay ahead of a start; None on a loop."""
+        share = self.progress[index] / self.share_ahead[index]
+        return None if np.isnan(share) else min(float(share), 1.0)
 
     def rows(self, course: Course, label: Label) -> list[Episode]:
         return [
@@ -277,9 +302,10 @@ class _EpisodeTotals:
                 tight=float(self.costs[index, 0]),
                 loose=float(self.costs[index, 1]),
                 length=int(self.length[index]),
-                reason=REASONS[self.reason[index]],
-                success=REASONS[self.reason[index]] == "Success",
+                reason=ALL_REASONS[self.reason[index]],
+                success=ALL_REASONS[self.reason[index]] == "Success",
                 progress=float(self.progress[index]),
+                ahead=self._ahead(index),
                 **dict(zip(END_COLUMNS, map(float, self.ends[index]), strict=True)),
             )
             for index in range(len(course.starts))

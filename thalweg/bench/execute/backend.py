@@ -11,7 +11,7 @@ from typing import Protocol
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES, DRAWN, Policy, sight_of
-from thalweg.bench.evaluate.conditions import MAIN, RIVERS, Trial
+from thalweg.bench.evaluate.conditions import MAIN, Trial
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Label, Observe, Step, evaluate, observation_function
@@ -20,6 +20,7 @@ from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
+from thalweg.env import EnvConfig
 from thalweg.train import load_policy
 from thalweg.train.observations import check_policy_fits, observation_of
 from thalweg.train.river import RiverTraining, load_compatible_encoder
@@ -36,6 +37,7 @@ def installed_versions() -> dict[str, int | None]:
         "world": versions.WORLD,
         "render": versions.RENDER,
         "rules": versions.RULES,
+        "tasks": versions.TASKS,
         "privileged": versions.PRIVILEGED,
         "training": versions.TRAINING,
         "evaluation": versions.EVALUATION,
@@ -84,8 +86,8 @@ class RiverBackend:
 
     def config(self, trial: Trial) -> EvaluationConfig:
         """Return the configuration of a trial's evaluation."""
-        suite = self.suite
-        return EvaluationConfig(suite.episodes, suite.starts_seed, trial.condition.deterministic)
+        suite, rules = self.suite, EnvConfig(observation="none", task=self.suite.task)
+        return EvaluationConfig(suite.episodes, suite.starts_seed, trial.condition.deterministic, rules)
 
     def courses(self, trial: Trial, *, drawn: bool = True) -> list[Course]:
         """Return the rivers of a trial and the starts on each; levels' rivers without land if nothing is `drawn`."""
@@ -93,7 +95,9 @@ class RiverBackend:
         if condition.unseen:
             return Course.unseen(level, config, drawn=drawn)
         real = level in condition.rivers
-        course = Course.on(RIVERS[level].build(), config) if real else Course.of_level(level, config, drawn=drawn)
+        course = (
+            Course.on(condition.river(level).build(), config) if real else Course.of_level(level, config, drawn=drawn)
+        )
         return [course if condition.randomisation is None else course.varied(condition.randomisation, config)]
 
     def train(self, run: Run, folder: Path) -> None:
@@ -107,7 +111,7 @@ class RiverBackend:
 
     def _train(self, run: Run, stage: Stage | Arm, level: str, folder: Path, begin_with: Path | None) -> None:
         seeds = self.suite.seeds_of(self.suite.arm(run.algorithm), stage)
-        RiverTraining(level, self.suite.num_envs, seeds).train(
+        RiverTraining(level, self.suite.num_envs, seeds, EnvConfig(task=self.suite.task)).train(
             stage.algorithm,
             self.encoder if self.suite.observation_of(run) == "frames" else None,
             steps=stage.steps,
@@ -128,7 +132,7 @@ class RiverBackend:
         """Return the observation function for each course; None for a policy for which nothing is drawn."""
         sees = sight_of(policy)
         encoder = self.encoder if sees == "frames" else None
-        check_policy_fits(policy, encoder)
+        check_policy_fits(policy, encoder, task=self.suite.task)
         shielded = trial.condition.shield
         if shielded:
             check_masks(policy, encoder)

@@ -4,7 +4,6 @@ An executor leaves everything in the run's folder and in its evaluation files, s
 moment can be resumed by any other executor. It returns only the run's row of `runs.csv`.
 """
 
-import errno
 import multiprocessing
 import os
 import threading
@@ -27,7 +26,7 @@ from thalweg.bench.execute.backend import PACKAGED_POLICY, Backend
 from thalweg.bench.results.results import RunRow, evaluation_path
 from thalweg.bench.suite.config import Run, Suite
 from thalweg.core import versions
-from thalweg.core.atomic_io import write_atomic
+from thalweg.core.atomic_io import disk_errors_name, is_disk_error, write_atomic
 from thalweg.core.machine import usable_cores
 from thalweg.train.folder.run_record import POLICY, read_status
 
@@ -154,7 +153,12 @@ def execute_run_logged(run: Run, suite: Suite, folder: Path, backend: Backend) -
     """Call `execute_run`, and append everything that this process prints meanwhile to the run's log."""
     log = folder / LOGS / f"{run.name}.txt"
     log.parent.mkdir(parents=True, exist_ok=True)
-    with open(log, "a", buffering=1, encoding="utf-8") as file, redirect_stdout(file), redirect_stderr(file):
+    with (
+        disk_errors_name(log),
+        open(log, "a", buffering=1, encoding="utf-8") as file,
+        redirect_stdout(file),
+        redirect_stderr(file),
+    ):
         return execute_run(run, ExecutionContext(suite, folder, backend, Console(file=file, width=LOG_WIDTH)))
 
 
@@ -179,7 +183,7 @@ def execute_run(run: Run, context: ExecutionContext) -> RunRow:
         for trial in context.suite.trials(run):
             _evaluate(run, run_folder, trial, context)
     except Exception as failure:
-        if isinstance(failure, OSError) and failure.errno == errno.ENOSPC:
+        if is_disk_error(failure):
             raise
         error = " ".join(f"{type(failure).__name__}: {failure}".split())
         write_atomic(run_folder / "error.txt", traceback.format_exc())

@@ -1,10 +1,9 @@
-"""Films of flights: the best of all, and for each trained policy its best and its typical failure.
+"""Films of flights: the main one, and for each trained policy its best and its typical failure.
 
 A film is made again only if it would show another flight, or if its caption would change. Flights with outdated
 versions are not filmed; films of them stay until there are others.
 """
 
-import errno
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from thalweg.bench.pictures.film_format import LARGE, SMALL
 from thalweg.bench.results.results import FILMS, KINDS, MAIN_FILM, FilmFiles, Results
 from thalweg.bench.results.statistics import mean_and_std_text, summarise
 from thalweg.bench.suite.config import Run, Suite
-from thalweg.core.atomic_io import write_atomic
+from thalweg.core.atomic_io import is_disk_error, write_atomic
 
 BEST, FAILURE = KINDS
 WHOSE = {"packaged": "the packaged policy", "train": "trained policies", "baseline": "baselines"}
@@ -45,10 +44,12 @@ class Shot:
 
 
 def film_flights(suite: Suite, results: Results, backend: Backend, console: Console) -> None:
-    """Make the missing films, and remove those of flights that are no longer to be shown.
+    """Make the missing films, and remove those of flights that are no longer to be shown; a suite may want none.
 
     An error is named in the report; only a full disk is raised (`OSError`).
     """
+    if suite.film == "none":
+        return
     shots = [shot for shot in (best_of_all(suite, results), *policy_shots(suite, results)) if shot is not None]
     wanted = {path for shot in shots for path in FilmFiles.of(results.folder, shot.name).paths}
     flown = {episode.algorithm for episode in results.episodes}
@@ -76,17 +77,21 @@ def _film(shot: Shot, folder: Path, backend: Backend, console: Console) -> None:
         write_atomic(files.caption, caption)
         files.failure.unlink(missing_ok=True)
     except Exception as error:
-        if isinstance(error, OSError) and error.errno == errno.ENOSPC:
+        if is_disk_error(error):
             raise
         files.film.unlink(missing_ok=True)
+        files.poster.unlink(missing_ok=True)
         write_atomic(files.failure, " ".join(f"{type(error).__name__}: {error}".split()) + "\n")
         console.print(f"No film {shot.name}: {error}", style="red", highlight=False, markup=False)
 
 
 def best_of_all(suite: Suite, results: Results) -> Shot | None:
-    """Return the best flight on the training level of the packaged policy, else of a trained one, else a baseline."""
+    """Return the best flight on the training level of the packaged policy, else of a trained one, else a baseline.
+
+    If the suite films the `best`, trained policies come first.
+    """
     level = suite.train_level if suite.train_level in suite.test_levels else suite.test_levels[0]
-    for kind in ("packaged", "train", "baseline"):
+    for kind in ("train", "packaged", "baseline") if suite.film == "best" else ("packaged", "train", "baseline"):
         flights = _flights([run for run in suite.runs() if run.kind == kind], level, results)
         if flights:
             run, episode = _best(flights)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from thalweg.core.atomic_io import atomic_path
+from thalweg.core.atomic_io import write_picture
 
 GAP_PX = 4
 
@@ -29,5 +29,4 @@ def write_frames(folder: Path, frames: np.ndarray) -> None:
     """Write the colours of frames uint8 [N, H, W, 4] as PNG files 0000.png, 0001.png, ... to a folder, created if
     missing."""
     for index, frame in enumerate(frames):
-        with atomic_path(folder / f"{index:04}.png") as draft:
-            Image.fromarray(np.ascontiguousarray(frame[..., :3])).save(draft)
+        write_picture(folder / f"{index:04}.png", Image.fromarray(np.ascontiguousarray(frame[..., :3])))

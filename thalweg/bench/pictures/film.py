@@ -3,12 +3,17 @@
 The episode is repeated from its start with the same random generator, so that the film shows the episode of the table.
 """
 
+import errno
+import os
+import shutil
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import imageio.v2 as imageio
+import imageio_ffmpeg
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
@@ -16,7 +21,8 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import REASON_TEXT, Episode
 from thalweg.bench.evaluate.evaluation import Step
 from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX, FilmFormat
-from thalweg.core.atomic_io import atomic_path
+from thalweg.bench.results.results import POSTER
+from thalweg.core.atomic_io import atomic_path, write_picture
 from thalweg.render import Camera, Renderer
 from thalweg.world import World
 from thalweg.world.map_image import view
@@ -29,6 +35,10 @@ MARGIN_M = 12.0
 """Margin of a map around a river."""
 AROUND_M = 25.0
 """What a map around a point shows on each side."""
+FINER, SMOOTH_STEPS = 4, 4
+"""How much larger than shown tracks are drawn, and the steps on each side that smooth them."""
+FULL_BYTES = 100_000
+"""Free space on a disk below which it counts as full."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +52,8 @@ class Flight:
     """[T] float64."""
     returns: np.ndarray
     """[T] float64, the return before each step."""
+    props: np.ndarray | None = None
+    """[T, P, 6] float32, the objects of the task; None without any."""
 
     @classmethod
     def from_steps(cls, episode: Episode, steps: list[Step]) -> "Flight":
@@ -51,6 +63,9 @@ class Flight:
             np.concatenate([step.poses for step in steps]),
             np.concatenate([step.time_s for step in steps]),
             np.concatenate([step.returns for step in steps]),
+            np.concatenate([step.props for step in steps if step.props is not None])
+            if steps[0].props is not None
+            else None,
         )
 
 
@@ -66,19 +81,24 @@ class RiverMap:
         self.side_m = float((high - low).max())
         self.corner_m = (low + high - self.side_m) / 2
         self.image = self._crop(world)
+        self._fine = self.image.resize((FINER * size_px, FINER * size_px), Image.Resampling.NEAREST)
 
     def with_track(self, poses: np.ndarray) -> Image.Image:
-        """Return the map with a track [T, 4], its start, and an arrow for its last pose."""
-        picture = self.image.copy()
+        """Return the map with a track [T, 4], smoothed, its start, and an arrow for its last pose.
+
+        It is drawn `FINER` and reduced, because Pillow's lines are jagged.
+        """
+        picture = self._fine.copy()
         draw = ImageDraw.Draw(picture)
-        points = [self.pixel(x, y) for x, y in poses[:, :2]]
+        points = [(FINER * column, FINER * row) for column, row in (self.pixel(x, y) for x, y in smooth(poses[:, :2]))]
         if len(points) > 1:
-            draw.line(points, TRACK, width=2)
+            draw.line(points, TRACK, width=2 * FINER, joint="curve")
         (x, y), (column, row), yaw = points[0], points[-1], poses[-1, 3]
-        draw.ellipse((x - 4, y - 4, x + 4, y + 4), START)
-        wings = [(column + 9 * np.cos(yaw + turn), row - 9 * np.sin(yaw + turn)) for turn in (0.0, 2.5, -2.5)]
-        draw.polygon(wings, VEHICLE, TEXT)
-        return picture
+        draw.circle((x, y), 4 * FINER, START)
+        turns, long = (0.0, 2.5, -2.5), 9 * FINER
+        wings = [(column + long * np.cos(yaw + turn), row - long * np.sin(yaw + turn)) for turn in turns]
+        draw.polygon(wings, VEHICLE, TEXT, width=FINER)
+        return picture.reduce(FINER)
 
     def pixel(self, x: float, y: float) -> tuple[float, float]:
         """Return column and row of a point given in metres."""
@@ -96,6 +116,16 @@ class RiverMap:
         return full.crop(box).resize((self.size_px, self.size_px), Image.Resampling.BOX)
 
 
+def smooth(points: np.ndarray) -> np.ndarray:
+    """Return the means [T, 2] of each point [T, 2] with up to `SMOOTH_STEPS` before and as many after it.
+
+    Both ends stay where they are. The moves of a policy are steps of 1 m forward and 0.5 m sideways, a zigzag.
+    """
+    index, sums = np.arange(len(points)), np.vstack([np.zeros((1, 2)), np.cumsum(points, axis=0)])
+    reach = np.minimum(np.minimum(index, len(points) - 1 - index), SMOOTH_STEPS)
+    return (sums[index + reach + 1] - sums[index - reach]) / (2 * reach + 1)[:, None]
+
+
 def film_frames(
     world: World, flight: Flight, policy: str, shape: FilmFormat = LARGE, camera: Camera | None = None
 ) -> Iterator[np.ndarray]:
@@ -110,12 +140,13 @@ def film_frames(
     fonts = [_fitting_font(texts, shape) for texts in zip(*captions, strict=True)]
     for index, lines in zip(shown, captions, strict=True):
         now = slice(index, index + 1)
-        frame = renderer.render(flight.poses[now], np.zeros(1, dtype=np.int64), flight.time_s[now])[0]
+        props = {} if flight.props is None else {"props": flight.props[now]}
+        frame = renderer.render(flight.poses[now], np.zeros(1, dtype=np.int64), flight.time_s[now], **props)[0]
         canvas = Image.new("RGB", shape.size_px, BACKGROUND)
         camera_view = Image.fromarray(frame[..., :3]).resize((shape.view_px, shape.view_px))
         canvas.paste(camera_view, (MARGIN_PX, MARGIN_PX))
         _paste_mask(canvas, frame[..., 3], shape)
-        canvas.paste(river_map.with_track(flight.poses[: index + 1]), (shape.map_left_px, MARGIN_PX))
+        canvas.paste(river_map.with_track(flight.poses[: index + 1]), (shape.map_left_px, shape.map_top_px))
         _draw_text(canvas, lines, fonts, shape)
         yield np.asarray(canvas)
 
@@ -133,12 +164,11 @@ def _caption(world: World, flight: Flight, index: int) -> tuple[str, str, str]:
 
 
 def _draw_text(canvas: Image.Image, lines: Sequence[str], fonts: Sequence[Any], shape: FilmFormat) -> None:
-    """Draw lines of text below the map, each in its font."""
+    """Draw lines of text above the map, each in its font: the controls of players cover the lower edge."""
     draw = ImageDraw.Draw(canvas)
-    below = MARGIN_PX + shape.map_px + 6
-    pitch = (shape.size_px[1] - below - 4) // len(lines)
+    pitch = (shape.map_top_px - MARGIN_PX // 2) // len(lines)
     for number, (line, font) in enumerate(zip(lines, fonts, strict=True)):
-        draw.text((shape.map_left_px, below + number * pitch), line, TEXT, font)
+        draw.text((shape.map_left_px, MARGIN_PX // 2 + number * pitch), line, TEXT, font)
 
 
 def _fitting_font(texts: Sequence[str], shape: FilmFormat) -> Any:
@@ -150,12 +180,25 @@ def _fitting_font(texts: Sequence[str], shape: FilmFormat) -> Any:
 
 
 def _paste_mask(canvas: Image.Image, mask: np.ndarray, shape: FilmFormat) -> None:
-    """Paste the water mask into the lower right corner of the view."""
-    side = shape.inset_px
-    inset = Image.fromarray(mask).resize((side, side)).convert("RGB")
-    corner = MARGIN_PX + shape.view_px - side - 8
-    ImageDraw.Draw(canvas).rectangle((corner - 2, corner - 2, corner + side + 1, corner + side + 1), TEXT)
-    canvas.paste(inset, (corner, corner))
+    """Paste the water mask into the upper right corner of the view, where there is sky."""
+    inset = Image.fromarray(mask).resize((shape.inset_px, shape.inset_px)).convert("RGB")
+    left, top, right, bottom = inset_box(shape)
+    ImageDraw.Draw(canvas).rectangle((left - 2, top - 2, right + 1, bottom + 1), TEXT)
+    canvas.paste(inset, (left, top))
+
+
+def inset_box(shape: FilmFormat) -> tuple[int, int, int, int]:
+    """Return left, top, right and bottom of the water mask in a picture, right and bottom excluded."""
+    right, top = MARGIN_PX + shape.view_px - 8, MARGIN_PX + 8
+    return right - shape.inset_px, top, right, top + shape.inset_px
+
+
+def shows_river(picture: np.ndarray, shape: FilmFormat) -> float:
+    """Return how well a picture [H, W, 3] of a film shows the river: water ahead, less water at both sides."""
+    left, top, right, bottom = inset_box(shape)
+    thirds = np.array_split(picture[top:bottom, left:right], 3, axis=1)
+    one, ahead, other = (float(third.mean()) / 255.0 for third in thirds)
+    return ahead - 0.5 * (one + other)
 
 
 def write_film(
@@ -168,15 +211,36 @@ def write_film(
     camera: Camera | None = None,
     on_frame: Callable[[], None] | None = None,
 ) -> None:
-    """Write the film of a flight as H.264 in MP4, atomically; raises `ResultsError` for a flight without steps."""
+    """Write the film of a flight as H.264 in MP4, and the picture that shows the river best beside it, as a JPEG.
+
+    Both are written atomically. Raises `ResultsError` for a flight without steps.
+    """
     if not len(flight.poses):
         raise ResultsError("a flight without a step cannot be filmed")
     options = ["-crf", str(shape.crf), "-preset", "medium", "-movflags", "+faststart"]
     settings = {"fps": FRAMES_PER_S, "codec": "libx264", "pixelformat": "yuv420p", "quality": None}
-    with atomic_path(path) as draft, imageio.get_writer(draft, output_params=options, **settings) as writer:
-        for picture in film_frames(world, flight, policy, shape, camera):
-            writer.append_data(picture)  # pyright: ignore[reportAttributeAccessIssue]
-            if on_frame is not None:
-                on_frame()
-        for _ in range(round(HOLD_S * FRAMES_PER_S)):
-            writer.append_data(picture)  # pyright: ignore
+    with atomic_path(path) as draft, _disk_errors_of_ffmpeg(path):
+        with imageio.get_writer(draft, output_params=options, **settings) as writer:
+            poster = None
+            for picture in film_frames(world, flight, policy, shape, camera):
+                if poster is None or shows_river(picture, shape) > shows_river(poster, shape):
+                    poster = picture
+                writer.append_data(picture)  # pyright: ignore[reportAttributeAccessIssue]
+                if on_frame is not None:
+                    on_frame()
+            for _ in range(round(HOLD_S * FRAMES_PER_S)):
+                writer.append_data(picture)  # pyright: ignore
+        imageio_ffmpeg.count_frames_and_secs(str(draft))  # raises for a film without an end
+    assert poster is not None
+    write_picture(path.with_suffix(POSTER), Image.fromarray(poster))
+
+
+@contextmanager
+def _disk_errors_of_ffmpeg(path: Path) -> Iterator[None]:
+    """Raise the error of a full disk, with the name of `path`, for one of ffmpeg, which only tells of a broken pipe."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if shutil.disk_usage(path.parent).free >= FULL_BYTES:
+            raise
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error

@@ -18,7 +18,7 @@ class FilmFormat:
     inset_px: int
     """Side of the water mask within the view."""
     font_px: int
-    """Size of the text below the map; a line that is too long makes it smaller."""
+    """Size of the text above the map; a line that is too long makes it smaller."""
     every: int = 1
     """One step in so many is shown; the last step always is."""
     crf: int = 25
@@ -39,8 +39,13 @@ class FilmFormat:
 
     @property
     def map_left_px(self) -> int:
-        """Left edge of the map, and of the text below it."""
+        """Left edge of the map, and of the text above it."""
         return self.view_px + 2 * MARGIN_PX
+
+    @property
+    def map_top_px(self) -> int:
+        """Upper edge of the map, whose lower edge is that of the view."""
+        return MARGIN_PX + self.view_px - self.map_px
 
 
 LARGE = FilmFormat(view_px=384, map_px=288, inset_px=112, font_px=15)

@@ -16,6 +16,8 @@ BACKGROUND, TEXT = (255, 255, 255), (30, 30, 30)
 def gallery(world: World, pose: np.ndarray, camera: Camera, ranges: Randomisation | None = None) -> Image.Image:
     """Return a strip for each range: the view from a pose [4] at its lower end, by default, and at its upper end.
 
+    Where the default is an end, the middle of the range takes its place.
+
     The sun's ranges are shown at three azimuths, and at both ends of the elevation; each needs the world relit.
     """
     ranges = ranges or Randomisation()
@@ -23,11 +25,14 @@ def gallery(world: World, pose: np.ndarray, camera: Camera, ranges: Randomisatio
     default = Look()
     strips = []
     for name in PARAMETERS:
-        values = [float(end) for end in getattr(ranges, name)]
-        looks = [Look(**{name: values[0]}), default, Look(**{name: values[1]})]
+        low, high, usual = (float(value) for value in (*getattr(ranges, name), getattr(default, name)))
+        # A default at an end would be shown twice.
+        middle = usual if low < usual < high else 0.5 * (low + high)
+        looks = [Look(**{name: value}) for value in (low, middle, high)]
         frames = renderer.render(np.tile(pose, (3, 1)), look=looks)
-        title = f"{name}: {values[0]:g} to {values[1]:g}; default {getattr(default, name):g} in the middle"
-        strips.append(strip(title, frames[..., :3]))
+        inside = "in the middle" if low < usual < high else "outside"
+        where = {low: "at the left", high: "at the right"}.get(usual, inside)
+        strips.append(strip(f"{name}: {low:g} to {high:g}; default {usual:g} {where}", frames[..., :3]))
     strips += sun_strips(world, pose, camera, ranges)
     return arrange_strips(strips)
 

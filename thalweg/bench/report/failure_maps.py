@@ -7,18 +7,22 @@ from collections.abc import Callable
 
 import numpy as np
 from matplotlib import rc_context
+from matplotlib.artist import Artist
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 
 from thalweg.bench.evaluate.episodes import REASON_TEXT, REASONS, Episode
 from thalweg.bench.report.figures import REASON_COLOURS, STYLE
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.world import LEVELS, World, level_named, load_or_build
-from thalweg.world.map_image import view
+from thalweg.world.islands import outline
+from thalweg.world.map_image import DECK, deck, view
 
-WATER, LAND = "#bcd7e6", "#eef0e6"
+WATER, LAND, SHORE, RAIL = "#bcd7e6", "#eef0e6", "#9aa58b", "#7a6f58"
 COLUMNS = 4
 FAILED = [reason for reason in REASONS if reason != "Success"]
 COLOURS = dict(zip(REASONS, REASON_COLOURS, strict=True))
@@ -47,9 +51,15 @@ def failure_maps(results: Results, level: str, world: World) -> Figure | None:
             _draw_panel(axis, world, rows)
             failed = sum(not row.success for row in rows)
             axis.set_title(f"{name}: {failed} of {len(rows)} failed", fontsize=8)
-        handles = [Line2D([], [], marker="o", markersize=4, linestyle="", color=COLOURS[reason]) for reason in FAILED]
+        handles: list[Artist] = [
+            Line2D([], [], marker="o", markersize=4, linestyle="", color=COLOURS[reason]) for reason in FAILED
+        ]
         labels = [REASON_TEXT[reason] for reason in FAILED]
-        figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False, fontsize=8)
+        for name, face, edge, shown in (("bridge", DECK, RAIL, world.bridges), ("island", LAND, SHORE, world.islands)):
+            if len(shown):
+                handles.append(Patch(facecolor=face, edgecolor=edge, linewidth=0.5))
+                labels.append(name)
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=8)
     return figure
 
 
@@ -81,8 +91,10 @@ def levels_from_above(results: Results) -> Figure | None:
             axis.set_title(f"{level}: {world.river.length_m:.0f} m")
             axis.set_xticks([])
             axis.set_yticks([])
-            axis.plot([left + 20.0, left + 120.0], [bottom + 20.0] * 2, color="white", linewidth=2.5)
-            axis.text(left + 20.0, bottom + 28.0, "100 m", color="white", fontsize=7)
+            edge = [withStroke(linewidth=2.0, foreground="#10202a")]
+            ends = [left + 20.0, left + 120.0]
+            axis.plot(ends, [bottom + 20.0] * 2, color="white", linewidth=2.5, path_effects=edge)
+            axis.text(ends[1] + 8.0, bottom + 20.0, "100 m", color="white", fontsize=7, va="center", path_effects=edge)
     return figure
 
 
@@ -95,13 +107,17 @@ def _world(results: Results, level: str) -> World | None:
 
 
 def _draw_panel(axis, world: World, rows: list[Episode]) -> None:
-    """Draw the river from above, and the ends of failed episodes on it."""
+    """Draw the river from above with its islands and bridges, and the ends of failed episodes on it."""
     river = world.river
     side = 0.5 * river.width_m[:, None] * np.column_stack([-river.tangent[:, 1], river.tangent[:, 0]])
     left, right = river.position_m[:, :2] + side, river.position_m[:, :2] - side
     quads = np.stack([left, np.roll(left, -1, axis=0), np.roll(right, -1, axis=0), right], axis=1)
     pieces = quads if river.closed else quads[:-1]
     axis.add_collection(PolyCollection(list(pieces), facecolors=WATER, edgecolors=WATER, linewidths=0.3))
+    shores = [outline(island) for island in world.islands]
+    axis.add_collection(PolyCollection(shores, facecolors=LAND, edgecolors=SHORE, linewidths=0.5, label="islands"))
+    decks = [deck(bridge) for bridge in world.bridges]
+    axis.add_collection(PolyCollection(decks, facecolors=DECK, edgecolors=RAIL, linewidths=0.5, label="bridges"))
     for reason in FAILED:
         ends = np.array([(row.end_x, row.end_y) for row in rows if row.reason == reason]).reshape(-1, 2)
         axis.scatter(*ends.T, s=9, color=COLOURS[reason], edgecolors="#333", linewidths=0.25, zorder=3)

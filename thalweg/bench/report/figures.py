@@ -12,10 +12,19 @@ from thalweg.algos.interface import MEAN_EPISODES
 from thalweg.bench.evaluate.episodes import REASON_TEXT, REASONS
 from thalweg.bench.report.policies import seeds_text
 from thalweg.bench.results.results import Results
-from thalweg.bench.results.statistics import Summary, TrainingCurve, mean_and_std, summaries, training_curve
+from thalweg.bench.results.statistics import (
+    Summary,
+    TrainingCurve,
+    TrainingLog,
+    mean_and_std,
+    summaries,
+    training_curve,
+)
 
 GRID = 200
 """Points of a training curve."""
+MOST_TOGETHER = 5
+"""Most policies whose training curves can be told apart in one panel."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f5539", "#444444", "#a2a500", "#8338ec")
 """Colours of the algorithms, in order; the first ones can be told apart by colour-blind people (Okabe and Ito 2008)."""
 REASON_COLOURS = ("#8c1d18", "#d6453d", "#f2a099", "#e9c46a", "#c2b68c", "#8d99ae", "#2a9d6f")
@@ -67,13 +76,18 @@ PANELS = (
 
 
 def training_curves(results: Results) -> Figure | None:
-    """Draw return and violation rates over training steps, with a band over seeds; None where nothing was trained."""
+    """Draw return and violation rates over training steps, with a band over seeds; None where nothing was trained.
+
+    More than `MOST_TOGETHER` policies have a row each, with the curves of the others in grey behind their own.
+    """
     logs = [log for log in results.training if len(log.step)]
     if not logs:
         return None
     last = results.most_steps or int(max(log.step[-1] for log in logs))
     grid = np.linspace(last / GRID, last, GRID)
     names = list(dict.fromkeys(log.algorithm for log in logs))
+    if len(names) > MOST_TOGETHER:
+        return _small_multiples(results, {name: [log for log in logs if log.algorithm == name] for name in names}, grid)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(9, 5.8 + 0.05 * len(names)))
         axes = list(figure.subplots(2, 2, sharex=True).flat)
@@ -91,6 +105,34 @@ def training_curves(results: Results) -> Figure | None:
             axis.xaxis.set_major_locator(MaxNLocator(4))
             axis.xaxis.set_major_formatter(lambda steps, _: f"{steps:,.0f}")
         figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def _small_multiples(results: Results, logs: dict[str, list[TrainingLog]], grid: np.ndarray) -> Figure:
+    """Draw a row of panels for each policy, which share their axes by column."""
+    curves = {name: [training_curve(log, grid) for log in own] for name, own in logs.items()}
+    means = {
+        name: {field: mean_and_std([getattr(curve, field) for curve in own])[0] for field, _ in PANELS}
+        for name, own in curves.items()
+    }
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(9, 0.8 + 0.95 * len(curves)))
+        axes = figure.subplots(len(curves), len(PANELS), sharex=True, sharey="col", squeeze=False)
+        for row, (name, own) in zip(axes, curves.items(), strict=True):
+            for axis, (field, _) in zip(row, PANELS, strict=True):
+                for other in means.values():
+                    axis.plot(grid, other[field], color="#c9cdd1", linewidth=0.6)
+                _draw_band(axis, own, field, {"color": COLOURS[0]}, name)
+            count = _seed_count(results, name, len(own))
+            row[0].set_ylabel(f"{name}\n({count})", rotation=0, ha="right", va="center", fontsize=8)
+        for axis, (_, title) in zip(axes[0], PANELS, strict=True):
+            axis.set_title(title.replace(" (", "\n("), fontsize=8)
+            axis.set_ylim(bottom=0)
+            axis.set_xlim(0, grid[-1])
+        for axis in axes[-1]:
+            axis.xaxis.set_major_locator(MaxNLocator(2))
+            axis.xaxis.set_major_formatter(lambda steps, _: f"{steps / 1000:,.0f}")
+        figure.supxlabel("steps of training, in thousands", fontsize=8)
     return figure
 
 

@@ -124,5 +124,6 @@ def _films(section: FilmSection, results: Results) -> list[dict[str, Any]]:
         if section.includes(name) and film.path is not None:
             policy, _, kind = name.rpartition("/")[2].rpartition("-")
             label = "Film of a flight" + (f": {policy}, {kind}" if policy else "")
-            films.append({"content": film.path.read_bytes(), "label": label, "caption": film.words})
+            poster = film.poster.read_bytes() if film.poster else None
+            films.append({"content": film.path.read_bytes(), "poster": poster, "label": label, "caption": film.words})
     return films

@@ -19,7 +19,7 @@ PAPER_EPISODES, PAPER_SEEDS = 60, 3
 
 
 def paper_table(results: Results) -> Table:
-    """Return the paper's table: return and cost on each level, ours and below them the published ones.
+    """Return the paper's table: seeds, and return and cost on each level, ours and below them the published ones.
 
     Every algorithm of the results has a row; where it has no episodes, its cells say why. The figures have one row per
     policy and level, with `source` to tell the published ones apart. The published policies see frames and stand below
@@ -28,16 +28,18 @@ def paper_table(results: Results) -> Table:
     apart = results.privileged
     published = {pair: figures for pair, figures in PUBLISHED.items() if pair[0] not in apart}
     by_policy_and_level = summaries(results.episodes)
-    columns = ["policy", *(f"{level} {what}" for level in results.levels for what in ("return", "cost"))]
+    columns = ["policy", "seeds", *(f"{level} {what}" for level in results.levels for what in ("return", "cost"))]
     rows = []
     for algorithm in results.policies:
         measured = [
             _measured_texts(results, algorithm, by_policy_and_level.get((algorithm, level))) for level in results.levels
         ]
-        rows.append([algorithm, *(text for pair in measured for text in pair)])
+        flown = [cell.seeds for level in results.levels if (cell := by_policy_and_level.get((algorithm, level)))]
+        rows.append([algorithm, _flown_seeds(results, algorithm, flown), *(text for pair in measured for text in pair)])
         if any((algorithm, level) in published for level in results.levels):
             published_values = [_published_texts(algorithm, level) for level in results.levels]
-            rows.append([f"{algorithm} ({PAPER})", *(text for pair in published_values for text in pair)])
+            row = [f"{algorithm} ({PAPER})", str(PAPER_SEEDS), *(text for pair in published_values for text in pair)]
+            rows.append(row)
     pairs = product(results.policies, results.levels)
     figures = [
         row
@@ -48,13 +50,16 @@ def paper_table(results: Results) -> Table:
 
 
 def _measured_texts(results: Results, algorithm: str, cell: Summary | None) -> tuple[str, str]:
-    """Return and cost as text; the return also names missing seeds."""
+    """Return and cost as text."""
     if cell is None:
         return results.gap(algorithm), results.gap(algorithm)
-    seeds = seeds_text(results, algorithm, cell.seeds)
-    missing = f" ({seeds} seeds)" if "of" in seeds else ""
-    returns = mean_and_std_text(cell.return_mean, cell.return_std)
-    return returns + missing, mean_and_std_text(cell.cost_mean, cell.cost_std)
+    return mean_and_std_text(cell.return_mean, cell.return_std), mean_and_std_text(cell.cost_mean, cell.cost_std)
+
+
+def _flown_seeds(results: Results, algorithm: str, flown: list[int]) -> str:
+    """Return how many seeds flew, such as `3`, `2 of 3` where some are missing, or `1 to 2 of 3` between the levels."""
+    fewest = seeds_text(results, algorithm, min(flown, default=0))
+    return fewest if len(set(flown)) < 2 else f"{min(flown)} to {seeds_text(results, algorithm, max(flown))}"
 
 
 def _published_texts(algorithm: str, level: str) -> tuple[str, str]:
@@ -122,7 +127,8 @@ def detail_table(results: Results) -> Table:
             proportion(rows, lambda row: row.tight > 0),
             proportion(rows, lambda row: row.loose > 0),
         )
-        means = [f"{cell.progress_mean:.0%}", f"{cell.length_mean:.0f}"]
+        ahead = "" if cell.ahead_mean is None else f" ({cell.ahead_mean:.0%} of what lay ahead)"
+        means = [f"{cell.progress_mean:.0%}{ahead}", f"{cell.length_mean:.0f}"]
         texts.append([algorithm, level, str(cell.episodes), seeds, *map(str, estimates), *means])
         numbers = [number for estimate in estimates for number in estimate_figures(estimate)]
         counts = [cell.episodes, cell.seeds, planned]

@@ -179,10 +179,11 @@ def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, O
 
 def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[str, int | None]:
     """The versions that a policy's runs have now; if the suite does not name it, derived from the recorded ones."""
+    task = suite.get("task", "River")
     if policy in suite.get("baselines", []):
-        return current_versions("baseline", [policy])
+        return current_versions("baseline", [policy], task=task)
     if policy == PACKAGED:
-        return current_versions("packaged", ())
+        return current_versions("packaged", (), task=task)
     arm = next((arm for arm in arms_of(suite) if arm["name"] == policy), None)
     if arm is not None:
         stages = stages_of(arm)
@@ -191,11 +192,12 @@ def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[
             [algorithm for algorithm, _, _ in stages],
             observation=observation_of(suite, arm),
             asymmetric_critics=some_critics_are_asymmetric(stages),
+            task=task,
         )
     known = (
         current_versions("train", [name for name in recorded if name in ALGORITHMS], asymmetric_critics=True)
         | current_versions("packaged", ())
-        | current_versions("baseline", [policy])
+        | current_versions("baseline", [policy], task=task)
     )
     return {name: version for name, version in known.items() if name in recorded or not recorded}
 
@@ -307,7 +309,8 @@ class _Reader:
         for name, label in names.items():
             files = FilmFiles.of(self.folder, name)
             if files.film.exists() and files.caption.exists():
-                found[name] = Film(files.film, self.line(files.caption) + (f" Outdated: {label}." if label else ""))
+                words = self.line(files.caption) + (f" Outdated: {label}." if label else "")
+                found[name] = Film(files.film, words, files.poster if files.poster.exists() else None)
             elif files.failure.exists():
                 found[name] = Film(None, self.line(files.failure))
             elif files.film.exists():

@@ -33,6 +33,8 @@ RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "
 MAIN_FILM, FILMS = "film", "films"
 """Name of the film of the best flight, and folder of the films of each policy."""
 MAIN_FILE = f"{MAIN_FILM}.mp4"
+POSTER = ".jpg"
+"""Ending of the picture that stands for a film."""
 KINDS = ("best", "failure")
 """Endings of the names of a policy's films: its best flight and its typical failure."""
 
@@ -46,15 +48,19 @@ class FilmFiles:
     """Caption of the film."""
     failure: Path
     """The reason why there is no film."""
+    poster: Path
+    """The picture that stands for the film until it is played."""
 
     @classmethod
     def of(cls, folder: Path, name: str) -> "FilmFiles":
         """Return the paths for a film's name in a results folder."""
-        return cls(folder / f"{name}.mp4", folder / f"{name}.txt", folder / f"{name}-error.txt")
+        return cls(
+            folder / f"{name}.mp4", folder / f"{name}.txt", folder / f"{name}-error.txt", folder / f"{name}{POSTER}"
+        )
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        return self.film, self.caption, self.failure
+        return self.film, self.caption, self.failure, self.poster
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,8 @@ class Film:
     """None if there is no film."""
     words: str
     """Caption of the film, or the reason why there is none."""
+    poster: Path | None = None
+    """The picture that stands for the film; None for films of earlier versions."""
 
 
 @dataclass(frozen=True)

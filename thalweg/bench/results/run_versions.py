@@ -34,15 +34,18 @@ def current_versions(
     *,
     observation: str = FRAMES,
     asymmetric_critics: bool = False,
+    task: str = "River",
 ) -> dict[str, int | None]:
     """The versions that a run of a kind (`train`, `baseline` or `packaged`) depends on.
 
     `algorithms` are those of all stages of its training, or a baseline's name. `observation` is what a trained policy
     sees: only codes of frames depend on the encoder, and only the privileged observation does not depend on the
     renderer; `asymmetric_critics` is whether the critics of some stage see the privileged one as well. The packaged
-    policy sees images; baselines see nothing.
+    policy sees images; baselines see nothing. Only results of a `task` beside the paper's depend on the tasks.
     """
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
+    if task != "River":
+        rivers["tasks"] = versions.TASKS
     if kind == "baseline":
         return rivers | ({"imitation": versions.IMITATION} if STEADY in algorithms else {})
     render, encoder = {"render": versions.RENDER}, {"encoder": versions.PACKAGED_ENCODER}

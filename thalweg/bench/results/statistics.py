@@ -31,6 +31,8 @@ class Summary:
     progress_mean: float
     reasons: dict[str, int]
     """Number of episodes that ended for each of `REASONS`."""
+    ahead_mean: float | None = None
+    """Mean share flown of what lay ahead of the starts on an open course; None on a loop."""
 
 
 def summarise(rows: Sequence[Episode]) -> Summary:
@@ -40,6 +42,7 @@ def summarise(rows: Sequence[Episode]) -> Summary:
     returns = np.array([row.return_ for row in rows])
     costs = np.array([row.cost for row in rows])
     counts = Counter(row.reason for row in rows)
+    ahead = [row.ahead for row in rows if row.ahead is not None]
     return Summary(
         episodes=len(rows),
         seeds=len({row.seed for row in rows}),
@@ -53,6 +56,7 @@ def summarise(rows: Sequence[Episode]) -> Summary:
         length_mean=float(np.mean([row.length for row in rows])),
         progress_mean=float(np.mean([row.progress for row in rows])),
         reasons={reason: counts[reason] for reason in REASONS},
+        ahead_mean=float(np.mean(ahead)) if len(ahead) == len(rows) else None,
     )
 
 

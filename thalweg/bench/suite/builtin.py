@@ -71,7 +71,7 @@ _PRIVILEGED = tuple(
 SUITES: dict[str, Suite] = {
     suite.name: suite
     for suite in (
-        Suite("quick", tuple(Arm(name, seeds=(0,), steps=8_192) for name in ("PPO", "FOCOPS"))),
+        Suite("quick", tuple(Arm(name, seeds=(0,), steps=10_240) for name in ("PPO", "FOCOPS"))),
         Suite("easy", (Arm("PPO"), Arm("FOCOPS")), train_level="Easy", test_levels=("Easy",), packaged=False),
         Suite("open", _OPEN, baselines=(), packaged=False),
         Suite("protocols", _PROTOCOLS, baselines=(), packaged=False),

@@ -14,8 +14,9 @@ from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, NAME, SHIELDED, Condition, Trial
-from thalweg.core.config import TupleOf, WholeNumber, frozen_config, to_plain
+from thalweg.core.config import TupleOf, WholeNumber, frozen_config, refuse_unknown, to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
+from thalweg.env.tasks import TaskName
 from thalweg.train.errors import TrainingError
 from thalweg.train.run import check_warmup
 from thalweg.world import LEVELS
@@ -24,6 +25,15 @@ PACKAGED = "packaged"
 """Name of the policy that comes with the package, as an algorithm of a result."""
 Count = Annotated[WholeNumber, Field(ge=1)]
 Seed = Annotated[WholeNumber, Field(ge=0)]
+
+
+def _film(value: Any) -> Any:
+    """Return `none` for false, and any other value unchanged."""
+    return "none" if value is False else value
+
+
+Film = Annotated[Literal["packaged", "best", "none"], BeforeValidator(_film)]
+"""Which flight the main film of a suite shows."""
 
 
 def _seeds(value: Any) -> tuple[int, ...]:
@@ -143,6 +153,11 @@ class Suite:
     """What policies see that are trained, unless their arm says otherwise."""
     world_seeds: RiverSeeds = ()
     """Seeds of the rivers to train on, unless the arm has its own; if empty, the fixed river of the level."""
+    task: TaskName = "River"
+    """Task that is trained and flown, see `thalweg.env.tasks`."""
+    film: Film = "packaged"
+    """Whose best flight the main film shows: that of the `packaged` policy, if it is evaluated, or the `best` trained
+    one's; `none`, or false: nothing is filmed. It does not belong to the results, and may be changed."""
 
     @model_validator(mode="after")
     def _check(self) -> "Suite":
@@ -173,9 +188,7 @@ class Suite:
             ("level", [self.train_level, *self.test_levels, *levels], LEVELS),
             ("baseline", self.baselines, BASELINES),
         ):
-            for name in names:
-                if name not in known:
-                    raise ValueError(f"unknown {what} {name!r}; known: {', '.join(known)}")
+            refuse_unknown(what, names, known, ValueError)
 
     def _check_repeated(self) -> None:
         """Raise `ValueError` for anything that is named twice: its results would count twice."""
@@ -232,10 +245,11 @@ class Suite:
         return "frames" if run.kind == "packaged" else self.arm(run.algorithm).observation or self.observation
 
     def as_data(self) -> dict[str, Any]:
-        """Return the suite as plain data for JSON; without an observation of frames, and without seeds of rivers if
-        there are none, as before there were others."""
+        """Return the suite as plain data for JSON; without an observation of frames, seeds of rivers if there are none,
+        and the paper's task, as before there were others, and without what is filmed, which changes no result."""
         conditions = [condition.as_data() for condition in self.conditions]
-        data = _without(to_plain(self), observation="frames", world_seeds=[]) | _rivers(self.world_seeds)
+        usual = {"observation": "frames", "world_seeds": [], "task": "River", "film": self.film}
+        data = _without(to_plain(self), **usual) | _rivers(self.world_seeds)
         return data | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
 
 

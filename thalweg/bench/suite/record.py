@@ -73,6 +73,7 @@ class SuiteRecord:
     conditions: TupleOf[ConditionRecord] = ()
     made_by: Mapping[str, Any] = field(default_factory=dict)
     observation: str = "frames"
+    task: str = "River"
 
     @model_validator(mode="after")
     def _check(self) -> "SuiteRecord":

@@ -37,6 +37,12 @@ def uniform(seed, episode, counter):
 
 
 @kernel(fastmath=False, allocates=False)
+def scene_of(seed, episode):
+    """Return the seed, a non-negative int64, of everything that moves in an episode of an environment with a seed."""
+    return np.int64(hashed(seed, episode, 0x5CE7E) >> u64(1))
+
+
+@kernel(fastmath=False, allocates=False)
 def normal_pair(seed, episode, counter):
     """Return two independent standard normal numbers; they take two counters.
 

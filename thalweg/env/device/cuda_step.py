@@ -1,5 +1,5 @@
-"""CUDA kernels of `thalweg.env.device`, of the ideal eye and of proprioception: one thread per environment, in
-float64."""
+"""CUDA kernels of `thalweg.env.device`, of the ideal eye, of tasks and of proprioception: one thread per environment,
+in float64."""
 
 from numba import cuda, float64
 
@@ -8,6 +8,8 @@ from thalweg.env.device.step import advance_one
 from thalweg.env.forces.weather import wind_now
 from thalweg.env.initial_poses import DRAWS
 from thalweg.env.task.ideal_eye import see_one
+from thalweg.env.task.priced.eye import see_in_task as see_one_in_task
+from thalweg.env.task.priced.props import props_of
 from thalweg.env.task.proprioception import feel_one
 
 THREADS = 64
@@ -44,6 +46,20 @@ def see(courses, max_height, world, pose, segment, travel, out):
     row = cuda.grid(1)
     if row < len(out):
         see_one(courses, max_height, world[row], pose[row], segment[row], travel[row], out[row])
+
+
+def see_in_task(courses, limits, world, pose, segment, travel, steps, scene, station, out):
+    """As `eye.see_all_in_task`."""
+    row = cuda.grid(1)
+    if row < len(out):
+        see_one_in_task(row, courses, limits, world, pose, segment, travel, steps, scene, station, out)
+
+
+def props(courses, limits, world, pose, steps, scene, station, out):
+    """As `props.all_props`."""
+    row = cuda.grid(1)
+    if row < len(out):
+        props_of(row, courses, limits, world, pose, steps, scene, station, out)
 
 
 def feel(courses, step_s, world, pose, segment, last_pose, last_action, out):

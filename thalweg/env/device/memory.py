@@ -9,6 +9,7 @@ from thalweg.env.config import ConfigError, EnvConfig
 from thalweg.env.forces.arrays import empty_forces
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.rules import empty_outcome, empty_state
+from thalweg.render.records.props import PROP_COLUMNS
 from thalweg.world.generate import memory
 
 OVERHEAD_BYTES = 640
@@ -23,11 +24,13 @@ LAYER_BYTES = 4 + 1
 
 def bytes_per_env(courses: CourseArrays, config: EnvConfig, frames: int) -> int:
     """Return the bytes of one environment with a number of frames."""
-    arrays = (*empty_state(np.zeros(1, np.int64), courses), *empty_outcome(1), *empty_forces(1))
+    outcome = empty_outcome(1, len(config.task_record.cost_kinds))
+    arrays = (*empty_state(np.zeros(1, np.int64), courses), *outcome, *empty_forces(1))
     felt = FELT_BYTES if "proprioception" in config.parts else 0
+    props = 4 * PROP_COLUMNS * config.task_record.props
     pixel = config.channels + (LAYER_BYTES if config.draws_layers else 0)
     frame = pixel * config.camera.height_px * config.camera.width_px
-    return sum(array.nbytes for array in arrays) + OVERHEAD_BYTES + felt + frames * frame
+    return sum(array.nbytes for array in arrays) + OVERHEAD_BYTES + felt + props + frames * frame
 
 
 def free_bytes(device: Any) -> int | None:

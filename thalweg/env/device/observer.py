@@ -13,12 +13,15 @@ from thalweg.env.device.launcher import Launcher
 from thalweg.env.forces.of_many import PREFIX
 from thalweg.env.frame_renderer import lights_per_world, relit_worlds
 from thalweg.env.task.course_arrays import CourseArrays
-from thalweg.env.task.ideal_eye import FEATURES, see_all
+from thalweg.env.task.ideal_eye import see_all
+from thalweg.env.task.priced.eye import features_of, see_all_in_task
+from thalweg.env.task.priced.props import all_props
 from thalweg.env.task.proprioception import PROPRIOCEPTION, feel_all
 from thalweg.render.records import pinhole
 from thalweg.render.records.appearance import HALF_H, HALF_W, PITCH, look_rows, look_values
 from thalweg.render.records.breeze import ruffle
 from thalweg.render.records.pinhole import CameraMatrices
+from thalweg.render.records.props import PROP_COLUMNS
 from thalweg.world.record import World
 
 LOOKS = 4096
@@ -81,13 +84,21 @@ class TensorObserver:
         return {part: makers[part]() if part in makers else drawn[part] for part in kind}
 
     def see(self) -> Tensor:
-        """Return what the ideal eye sees [N, FEATURES] float32."""
-        names = "world", "pose", "segment", "travel"
-        self._launcher.run(
-            "see",
-            see_all,
-            lambda: (self._courses, self.config.limits.max_height, *self._arrays(*names), self._array(self._seen)),
-        )
+        """Return what the ideal eye sees [N, F] float32; F is the number of `priced.eye.features_of` the task."""
+        names, limits = ("world", "pose", "segment", "travel"), self.config.limits
+        if self.config.task == "River":
+            self._launcher.run(
+                "see",
+                see_all,
+                lambda: (self._courses, limits.max_height, *self._arrays(*names), self._array(self._seen)),
+            )
+        else:
+            names = *names, "steps", "scene", "station"
+            self._launcher.run(
+                "see_in_task",
+                see_all_in_task,
+                lambda: (self._courses, limits, *self._arrays(*names), self._array(self._seen)),
+            )
         return self._seen.clone()
 
     def camera_matrices(self) -> CameraMatrices:
@@ -126,9 +137,28 @@ class TensorObserver:
             speed, towards, _ = tensors[PREFIX + "mean_wind"].T
             ruffle(looks, speed * towards.cos(), speed * towards.sin())
         views = lit_world, tensors["pose"], tensors["time_s"], looks
-        self.renderer.render_tensors(views, frames, *((layers,) if layers else ()))
+        options = ({"layers": layers} if layers else {}) | self._props_to_draw()
+        self.renderer.render_tensors(views, frames, **options)
         parts = {"frames": frames, "rgb": frames[..., :3], "mask": frames[..., -1:]}
         return parts | dict(zip(("depth", "class"), (layer[..., None] for layer in layers), strict=False))
+
+    def _props_to_draw(self) -> dict[str, Tensor]:
+        """Return the objects [N, P, 6] of the task about each vehicle for the renderer, if it has any."""
+        if self._props is None:
+            return {}
+        props, names = self._props, ("world", "pose", "steps", "scene", "station")
+        self._launcher.run(
+            "props",
+            all_props,
+            lambda: (self._courses, self.config.limits, *self._arrays(*names), self._array(props)),
+        )
+        return {"props": props}
+
+    @cached_property
+    def _props(self) -> Tensor | None:
+        """Objects [N, P, 6] float32 of the task, see `thalweg.render.records.props`; None without any."""
+        most = self.config.task_record.props
+        return self._zeros(most, PROP_COLUMNS, dtype=torch.float32) if most else None
 
     def _arrays(self, *names: str) -> list[Any]:
         return [self._array(self._tensors[name]) for name in names]
@@ -156,8 +186,8 @@ class TensorObserver:
 
     @cached_property
     def _seen(self) -> Tensor:
-        """What the ideal eye sees [N, FEATURES] float32; memory that `see` fills again and again."""
-        return self._zeros(len(FEATURES), dtype=torch.float32)
+        """What the ideal eye sees [N, F] float32; memory that `see` fills again and again."""
+        return self._zeros(len(features_of(self.config.task)), dtype=torch.float32)
 
     @cached_property
     def _felt(self) -> Tensor:

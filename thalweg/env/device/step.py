@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thalweg.core.compute.counter_random import uniform
+from thalweg.core.compute.counter_random import scene_of, uniform
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
 from thalweg.env.initial_poses import CLOCK_RANGE_S, DRAWS, MAX_TRIES, project_anywhere, travel_direction, try_start
-from thalweg.env.task.rules import clear_outcome, step_one
+from thalweg.env.task.rules import begin_task, clear_outcome, step_one
 
 LOOK_COUNTER = DRAWS
 """Counter of the uniform number of an episode that chooses its look; the first DRAWS are those of a start."""
@@ -76,6 +76,7 @@ def reset_one(row, courses, limits, reset, state, draws):
     state.visited_count[row] = 0
     state.steps[row] = 0
     state.idle[row] = 0
+    begin_task(row, courses, limits, state, projection, scene_of(seed, episode))
     if reset.per_episode != 0 or episode == 0:
         reset.look[row] = int(uniform(seed, episode, LOOK_COUNTER) * reset.looks)
     reset.episode[row] = episode + 1

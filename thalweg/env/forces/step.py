@@ -77,7 +77,7 @@ def step_pushed_one(row, actions, courses, limits, forces, state, force_state, o
     """As `thalweg.env.task.rules.step_one`, under wind, current and inertia."""
     before, action = pose_of(state.pose, row), action_of(actions, row)
     after = move_pushed(row, before, action, courses, limits, forces, state, force_state)
-    arrive_one(row, after, courses, limits, state, outcome)
+    arrive_one(row, action, after, courses, limits, state, outcome)
     advance_gusts(row, state.steps[row], forces, force_state)
 
 

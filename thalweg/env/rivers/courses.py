@@ -6,7 +6,9 @@ import numpy as np
 
 from thalweg.env.task.course_arrays import CourseArrays
 
-OFFSETS = ("first_sample", "first_island", "first_bridge", "first_plane")
+OFFSETS = (
+    "first_sample", "first_island", "first_bridge", "first_plane", "first_haunt", "first_reserve", "first_buoy",
+)  # fmt: skip
 """Fields that hold the first row of each world, or of each bridge, and the end of the last."""
 
 

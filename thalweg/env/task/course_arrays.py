@@ -16,6 +16,8 @@ import numpy as np
 import scipy
 
 from thalweg.env.config import EnvConfig
+from thalweg.env.task.priced.packing import buoys_of, haunts_of, reserves_of, swimmers_of
+from thalweg.env.tasks import Task
 from thalweg.world.discharge import relative_speed
 from thalweg.world.record import River, World
 
@@ -69,6 +71,20 @@ class CourseArrays(NamedTuple):
     """[B] float64, the same of the middle of each bridge."""
     flow: np.ndarray
     """[S] float64, speed of the water in mid-channel over its mean along the course, positive towards growing arc."""
+    swimmers: np.ndarray
+    """[W] int64, number of swimmers and kayaks; 0 in tasks without them."""
+    first_haunt: np.ndarray
+    """[W + 1] int64."""
+    haunt: np.ndarray
+    """[H] float64, metres along the course of the places about which a swimmer or kayak may move."""
+    first_reserve: np.ndarray
+    """[W + 1] int64."""
+    reserve: np.ndarray
+    """[R, 2] float64, metres along the course where each reserve begins and ends; none contains the first sample."""
+    first_buoy: np.ndarray
+    """[W + 1] int64."""
+    buoy: np.ndarray
+    """[Q, 6] float64, buoys at the edges of reserves, as in `thalweg.render.records.props`."""
 
 
 def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
@@ -77,6 +93,11 @@ def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
         raise ValueError("at least one world is needed")
     rivers = [world.river for world in worlds]
     hulls = [grown_hull(row, config.body_m) for world in worlds for row in world.bridges]
+    island_arcs = [nearest_arcs(world.river, np.asarray(world.islands)[:, :2]) for world in worlds]
+    task = config.task_record
+    haunts = [haunts_of(*pair, task) for pair in zip(worlds, island_arcs, strict=True)]
+    reserves = [reserves_of(world, task) for world in worlds]
+    buoys = [buoys_of(world.river, rows) for world, rows in zip(worlds, reserves, strict=True)]
     return CourseArrays(
         first_sample=_offsets([len(river.arc_m) for river in rivers]),
         closed=np.array([int(river.closed) for river in rivers], dtype=np.int64),
@@ -94,9 +115,16 @@ def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
         bridge_box=_concatenate([np.concatenate([v.min(axis=0), v.max(axis=0)])[None] for _, v in hulls], 6),
         first_plane=_offsets([len(planes) for planes, _ in hulls]),
         plane=_concatenate([planes for planes, _ in hulls], 4),
-        island_arc=_concatenate([nearest_arcs(world.river, np.asarray(world.islands)[:, :2]) for world in worlds]),
+        island_arc=_concatenate(island_arcs),
         bridge_arc=_concatenate([nearest_arcs(world.river, np.asarray(world.bridges)[:, :2]) for world in worlds]),
         flow=_concatenate([relative_speed(river) for river in rivers]),
+        swimmers=np.array([swimmers_of(*pair, task) for pair in zip(worlds, haunts, strict=True)], dtype=np.int64),
+        first_haunt=_offsets([len(rows) for rows in haunts]),
+        haunt=_concatenate(haunts),
+        first_reserve=_offsets([len(rows) for rows in reserves]),
+        reserve=_concatenate(reserves, 2),
+        first_buoy=_offsets([len(rows) for rows in buoys]),
+        buoy=_concatenate(buoys, 6),
     )
 
 
@@ -119,6 +147,8 @@ def step_limit(world: World, config: EnvConfig) -> int:
     """Return the maximum length of an episode in a world, in steps."""
     if config.max_steps is not None:
         return int(config.max_steps)
+    if config.task_record.deadline_steps_per_m > 0:
+        return deadline(config.task_record, world.river)
     from thalweg.world.levels import LEVELS
 
     for level in LEVELS.values():
@@ -126,6 +156,15 @@ def step_limit(world: World, config: EnvConfig) -> int:
         if world.name.lower() == level.name.lower() and similar:
             return LEVEL_MAX_STEPS
     return math.ceil(STEPS_PER_METRE * world.river.length_m)
+
+
+def deadline(task: Task, river: River) -> int:
+    """Return the deadline of a task in steps: its share of the way at one metre a step.
+
+    The way is the whole course; of a loop with a station it is half, which is as far as a station is.
+    """
+    way_m = 0.5 * river.length_m if task.portage and river.closed else river.length_m
+    return math.ceil(task.deadline_steps_per_m * way_m)
 
 
 def grown_hull(row: np.ndarray, body_m: float) -> tuple[np.ndarray, np.ndarray]:

@@ -11,29 +11,29 @@ import gymnasium
 import numpy as np
 
 from thalweg.env.observation import parts_of
-from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.env.task.priced.eye import features_of
 
 PROGRESS = ("visited", "idle", "steps")
 """Names of the numbers of the progress, shares in 0..1.
 
-* visited: share of the course's segments that the episode has visited, as `info["progress"]`.
+* visited: share of the course's segments that the episode has visited, or what else `info["progress"]` is.
 * idle: consecutive steps without a new segment, per `EnvConfig.max_idle_steps`; the episode ends at 1.
 * steps: steps of the episode, per its step limit (`thalweg.env.task.course_arrays.step_limit`); the episode ends at 1.
 """
 
 
-def critic_features(observation: str | tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of the C numbers of `info["critic_obs"]`, in order; `observation` as in `EnvConfig.observation`.
+def critic_features(observation: str | tuple[str, ...], task: str = "River") -> tuple[str, ...]:
+    """Return the names of the C numbers of `info["critic_obs"]`, in order; `observation` and `task` as in `EnvConfig`.
 
-    They are `PROGRESS`, then those of the ideal eye (`thalweg.env.task.ideal_eye.FEATURES`, in metres and radians),
+    They are `PROGRESS`, then those of the ideal eye (`thalweg.env.task.priced.eye.features_of`, in metres and radians),
     unless the observation has these already.
     """
-    return PROGRESS if "privileged" in parts_of(observation) else (*PROGRESS, *FEATURES)
+    return PROGRESS if "privileged" in parts_of(observation) else (*PROGRESS, *features_of(task))
 
 
-def critic_space(observation: str | tuple[str, ...]) -> gymnasium.spaces.Box:
+def critic_space(observation: str | tuple[str, ...], task: str = "River") -> gymnasium.spaces.Box:
     """Return the space of the C numbers of one environment."""
-    return gymnasium.spaces.Box(-np.inf, np.inf, (len(critic_features(observation)),), np.float32)
+    return gymnasium.spaces.Box(-np.inf, np.inf, (len(critic_features(observation, task)),), np.float32)
 
 
 def write_progress(out: Any, visited: Any, idle: Any, steps: Any) -> None:

@@ -30,6 +30,7 @@ class UnitAction(NamedTuple):
     turn: float
     """Positive to the left."""
     forward: float
+    """Negative: backward, or where the task has a fast step, forward by that share of it."""
     left: float
 
 
@@ -40,13 +41,22 @@ def wrap_angle(angle):
 
 
 @kernel(fastmath=False, allocates=False)
+def metres_forward(action, limits):
+    """Return the distance forward of a `UnitAction`."""
+    share = action.forward
+    if share < 0.0:
+        if limits.task.fast_step > 0.0:
+            return -share * limits.task.fast_step
+        if limits.allow_backward == 0:
+            share = 0.0
+    return share * limits.forward_step
+
+
+@kernel(fastmath=False, allocates=False)
 def move(pose, action, limits):
     """Return the `Pose` after one step from a `Pose` by a `UnitAction`."""
-    share = action.forward
-    if share < 0.0 and limits.allow_backward == 0:
-        share = 0.0
+    forward = metres_forward(action, limits)
     yaw = wrap_angle(pose.yaw + action.turn * limits.yaw_step)
-    forward = share * limits.forward_step
     left = action.left * limits.lateral_step
     cos = math.cos(yaw)
     sin = math.sin(yaw)

@@ -95,6 +95,25 @@ def track_projection(courses, world, segment, x, y):
 
 
 @kernel(fastmath=False, allocates=False)
+def projection_at(courses, world, arc):
+    """Return the `Projection` of the point of the centre line at an arc length in metres, from 0 to that of the
+    course."""
+    low = 0
+    high = courses.segments[world] - 1
+    first = courses.first_sample[world]
+    while low < high:
+        middle = (low + high + 1) // 2
+        if courses.arc[first + middle] <= arc:
+            low = middle
+        else:
+            high = middle - 1
+    a, b = sample_rows(courses, world, low)
+    end = courses.length[world] if b < a else courses.arc[b]
+    fraction = min(max((arc - courses.arc[a]) / (end - courses.arc[a]), 0.0), 1.0)
+    return Projection(low, fraction, 0.0)
+
+
+@kernel(fastmath=False, allocates=False)
 def interpolate(courses, world, projection, values):
     """Return a quantity given at the samples, interpolated linearly at a `Projection`."""
     a, b = sample_rows(courses, world, projection.segment)

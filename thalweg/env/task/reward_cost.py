@@ -26,5 +26,7 @@ def step_costs(reason, limits):
     if COLLISION <= reason <= OUT_OF_VOLUME_VERTICAL:
         return limits.tight_cost, 0.0
     if YAW_OVER_DEVIATION <= reason <= MAX_STEP_REACHED:
+        if reason == MAX_STEP_REACHED and limits.task.deadline != 0:
+            return 0.0, 0.0
         return 0.0, limits.loose_cost
     return 0.0, 0.0

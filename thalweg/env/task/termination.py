@@ -110,6 +110,21 @@ def rule_broken(courses, world, limits, before, after, projection, travel):
 
 
 @kernel(fastmath=False, allocates=False)
+def rule_broken_over_land(courses, world, limits, before, after, projection):
+    """Return as `rule_broken` for a task in which land may be crossed, where a move has ended over land.
+
+    The stone of bridges is solid there too, and the band of heights counts from the water at `projection`, the point of
+    the course that is nearest to the second pose.
+    """
+    if first_bridge_hit(courses, world, before.x, before.y, before.z, after.x, after.y, after.z) >= 0:
+        return COLLISION
+    height = after.z - interpolate(courses, world, projection, courses.level)
+    if height < limits.min_height - TOLERANCE or height > limits.max_height + TOLERANCE:
+        return OUT_OF_VOLUME_VERTICAL
+    return RUNNING
+
+
+@kernel(fastmath=False, allocates=False)
 def done_reason(broken, idle, steps, completed, limits, max_steps):
     """Return the code of `DoneReason` of a step, checked in the order of the codes; `broken` is from `rule_broken`."""
     if broken >= 0:

@@ -19,6 +19,7 @@ from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.kernels.shading.tone import CODE_TABLE
 from thalweg.render.kernels.terrain.azimuth_planes import most_planes
 from thalweg.render.records.layout import PLANT_FROM, PLANT_TO
+from thalweg.render.records.props import NO_PROPS
 from thalweg.render.records.scene import Scene
 from thalweg.render.records.view import COLOURS, LAYERS, MASK, Buffers, FrameSettings, Output, Views
 
@@ -111,7 +112,9 @@ class GpuRenderer:
                 None if masks is None else masks[part],
             )
 
-    def draw_tensors(self, views: Sequence[Any], out: Any, layers: tuple[Any, Any] | None = None) -> None:
+    def draw_tensors(
+        self, views: Sequence[Any], out: Any, layers: tuple[Any, Any] | None = None, props: Any = None
+    ) -> None:
         """Draw frames from torch's tensors into one [N, H, W, 4] uint8, or masks into one [N, H, W, 1], and depths
         and classes into `layers`, [N, H, W] float32 and uint8, all on this device.
 
@@ -153,7 +156,7 @@ class GpuRenderer:
             image = gpu.as_kernel_array(out, np.uint32).reshape(shape)
             self.draw(arrays, image, None if pair is None else (*pair, None))
 
-    def draw_for_host(self, views: Views, output: Output) -> None:
+    def draw_for_host(self, views: Views, output: Output, props: np.ndarray = NO_PROPS) -> None:
         """Draw frames into the arrays of an `Output` on the host."""
         shape = len(views.poses), self._settings.height, self._settings.width
         views = Views(*(gpu.to_device(values, self.device) for values in views))

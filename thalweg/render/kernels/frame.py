@@ -64,9 +64,9 @@ def rows_of(buffers, top, bottom):
 
 
 @kernel
-def draw_rows(scene, view, reduced, drawn, top, bottom, buffers):
+def draw_rows(scene, view, props, reduced, drawn, top, bottom, buffers):
     """Draw the rows from top to bottom into the `Buffers` of their frame; top is a multiple of
-    `background.ROWS_TOGETHER`.
+    `background.ROWS_TOGETHER`. props: [P, PROP_COLUMNS] float32.
 
     What a row shows depends only on the rows of its band of `background.ROWS_TOGETHER`. drawn: see `Output`; what is
     not asked for is not computed.

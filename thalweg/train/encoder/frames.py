@@ -13,7 +13,7 @@ from thalweg.encoder import EncoderInputError
 from thalweg.env import sample_starts
 from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.render import Camera, Renderer
-from thalweg.world import World, load_or_build
+from thalweg.world import Reach, World, load_or_build
 from thalweg.world.levels import level_named
 
 BATCH = 16
@@ -24,7 +24,7 @@ TOGETHER = 16
 
 def collect_frames(
     count: int = 2000,
-    level: str = "Medium",
+    level: str | Reach = "Medium",
     seed: int = 0,
     *,
     rivers: int = 1,
@@ -35,27 +35,33 @@ def collect_frames(
     """Return frames uint8 [count, H, W, 4], colour and water mask 0/255, of random initial poses in rivers of a level.
 
     The rivers have the seeds `world_seeds`, see `thalweg.core.seeds`. Without any, the first is the level's fixed one,
-    and others have the seeds that follow. Frame i is of river i % their number. Raises `WorldError` for an unknown
-    level and `EncoderInputError` for counts out of range and seeds that cannot be read.
+    and others have the seeds that follow. Of a real river, a `Reach`, seeds change plants and hills; the first is 0.
+    Frame i is of river i % their number. Raises `WorldError` for an unknown level and `EncoderInputError` for counts
+    out of range and seeds that cannot be read.
     """
-    first = level_named(level).default_seed
+    first = 0 if isinstance(level, Reach) else level_named(level).default_seed
     seeds = parse_seeds(world_seeds, "world_seeds", EncoderInputError) or tuple(range(first, first + rivers))
     if count < 1 or not 1 <= len(seeds) <= count:
         raise EncoderInputError(
             f"{count} images of {len(seeds)} rivers: there must be at least one river and one image of each"
         )
     if len(seeds) <= TOGETHER:
-        worlds = [load_or_build(level, each) for each in seeds]
+        worlds = [_world(level, each) for each in seeds]
         return render_frames(Renderer(worlds, camera), *sample_views(worlds, count, seed), progress=progress)
     camera = camera or Camera()
     frames = np.empty((count, camera.height_px, camera.width_px, 4), np.uint8)
     river, clock = np.arange(count) % len(seeds), clock_times(count, seed)
     for group in range(0, len(seeds), TOGETHER):
-        worlds = [load_or_build(level, each) for each in seeds[group : group + TOGETHER]]
+        worlds = [_world(level, each) for each in seeds[group : group + TOGETHER]]
         rows = np.flatnonzero(river // TOGETHER == group // TOGETHER)
         poses, index = sample_poses(worlds, river[rows] - group, seed + group), river[rows] - group
         frames[rows] = render_frames(Renderer(worlds, camera), poses, index, clock[rows], progress=progress)
     return frames
+
+
+def _world(level: str | Reach, seed: int) -> World:
+    """Return the river of a level or a file and a seed."""
+    return level.build(seed) if isinstance(level, Reach) else load_or_build(level, seed)
 
 
 def level_worlds(level: str, rivers: int) -> list[World]:

@@ -13,7 +13,7 @@ from thalweg.encoder.files import read_tensors
 from thalweg.encoder.training import ENCODER_FOLDER
 from thalweg.render import RENDER_VERSION
 from thalweg.train.encoder import frames as frame_collection
-from thalweg.world import level_named
+from thalweg.world import Reach, level_named
 
 CHECKPOINT = "checkpoint.safetensors"
 
@@ -22,7 +22,7 @@ def collect_and_train(
     folder: Path,
     config: VAEConfig,
     *,
-    level: str = "Medium",
+    level: str | Reach = "Medium",
     world_seeds: Any = (),
     images: int = 2000,
     held_out: int = 200,
@@ -30,7 +30,9 @@ def collect_and_train(
     seed: int = 0,
     command: str = "",
 ) -> TrainingResult:
-    """Train on `images` frames of a level and evaluate on `held_out` further ones; the same call resumes.
+    """Train on `images` frames of a level or a real river, and evaluate on `held_out` further ones.
+
+    The same call resumes.
 
     `world_seeds` are those of the rivers, by default the level's fixed one; see `collect_frames`. `command` is stored
     in the encoder's file. Before a frame is rendered, raises `EncoderInputError` for settings out of range,
@@ -42,7 +44,11 @@ def collect_and_train(
         raise EncoderInputError(f"seed must be 0 or more, not {seed}")
     if held_out < 0 or images < 2:
         raise EncoderInputError(f"of {images + held_out} images, {held_out} can't be held out: at least 2 must be left")
-    name = level_named(level).name
+    if isinstance(level, Reach):
+        level.check()
+        name = level.name
+    else:
+        name = level = level_named(level).name
     seeds = parse_seeds(world_seeds, "world_seeds", EncoderInputError)
     if len(seeds) > images + held_out:
         raise EncoderInputError(f"{images + held_out} images of {len(seeds)} rivers: there must be one image of each")
@@ -54,7 +60,7 @@ def collect_and_train(
         "images": images + held_out,
     }
     _check_folder(folder, run)
-    frames = frame_collection.collect_frames(images + held_out, level=name, seed=seed, world_seeds=seeds)
+    frames = frame_collection.collect_frames(images + held_out, level=level, seed=seed, world_seeds=seeds)
     source = Source(name, seed, RENDER_VERSION, command, tuple(compact_seeds(seeds)))
     return train_encoder(frames, config, folder, epochs=epochs, seed=seed, held_out=held_out, source=source)
 

@@ -16,6 +16,7 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
+from thalweg.core.atomic_io import disk_errors_name
 from thalweg.train.errors import TrainingError
 
 FORMAT = 1
@@ -43,12 +44,14 @@ def save_checkpoint(run_folder: Path, step: int, state: dict[str, Any]) -> Path:
     parent.mkdir(parents=True, exist_ok=True)
     partial, final = parent / f".{step:012d}.{os.getpid()}.part", parent / f"{step:012d}"
     shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir()
-    for name, data in ((ARRAYS, content), (PLAIN, plain)):
-        with open(partial / name, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
+    try:
+        with disk_errors_name(final):
+            partial.mkdir()
+            for name, data in ((ARRAYS, content), (PLAIN, plain)):
+                _write_synced(partial / name, data)
+    except OSError:
+        shutil.rmtree(partial, ignore_errors=True)  # a full disk needs the space
+        raise
     shutil.rmtree(final, ignore_errors=True)
     os.rename(partial, final)
     for old in _complete(parent)[:-KEEP]:
@@ -56,6 +59,13 @@ def save_checkpoint(run_folder: Path, step: int, state: dict[str, Any]) -> Path:
     for leftover in parent.glob(".*.part"):  # of writers that were killed
         shutil.rmtree(leftover, ignore_errors=True)
     return final
+
+
+def _write_synced(path: Path, data: bytes) -> None:
+    with open(path, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def load_checkpoint(run_folder: Path) -> tuple[int, dict[str, Any]] | None:

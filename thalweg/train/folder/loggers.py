@@ -8,9 +8,11 @@ import io
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from thalweg.core.atomic_io import disk_errors_name
 from thalweg.train.errors import TrainingError
 from thalweg.train.rollouts.episodes import COLUMNS, Episode
 
@@ -23,6 +25,7 @@ class CsvTable:
 
         Without `columns`, the keys of the first row are the columns.
         """
+        self._path = path
         self._file = open(path, "r+b" if path.exists() else "w+b")  # noqa: SIM115 (open as long as the table)
         size = self._file.seek(0, os.SEEK_END)
         if size < keep_bytes:
@@ -45,16 +48,19 @@ class CsvTable:
 
     def sync(self) -> int:
         """Write everything to disk; returns the length of the file in bytes."""
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        with disk_errors_name(self._path):
+            self._file.flush()
+            os.fsync(self._file.fileno())
         return self._file.tell()
 
     def flush(self) -> None:
         """Flush, so that other programs see the rows."""
-        self._file.flush()
+        with disk_errors_name(self._path):
+            self._file.flush()
 
     def close(self) -> None:
-        self._file.close()
+        with disk_errors_name(self._path):
+            self._file.close()
 
     def _write_header(self, columns: Sequence[str]) -> Sequence[str]:
         self._columns = list(columns)
@@ -64,7 +70,8 @@ class CsvTable:
     def _write_line(self, cells: Iterable[str]) -> None:
         text = io.StringIO()
         csv.writer(text, lineterminator="\n").writerow(cells)
-        self._file.write(text.getvalue().encode())
+        with disk_errors_name(self._path):
+            self._file.write(text.getvalue().encode())
 
 
 class RunLog:
@@ -77,7 +84,9 @@ class RunLog:
         kept_bytes = kept_bytes or {}
         self.metrics = CsvTable(folder / "metrics.csv", kept_bytes.get("metrics", 0))
         self.episodes = CsvTable(folder / "episodes.csv", kept_bytes.get("episodes", 0), COLUMNS)
-        self._board = SummaryWriter(str(folder / "tensorboard"), purge_step=step + 1)
+        self._events = folder / "tensorboard"
+        with disk_errors_name(self._events):
+            self._board = SummaryWriter(str(self._events), purge_step=step + 1)
 
     def episode(self, episode: Episode) -> None:
         """Append an episode to episodes.csv."""
@@ -87,21 +96,26 @@ class RunLog:
     def update(self, step: int, row: Mapping[str, float]) -> None:
         """Append a row to metrics.csv, and its numbers to TensorBoard."""
         self.metrics.write(row)
-        for name, value in row.items():
-            if name != "steps" and math.isfinite(value):
-                self._board.add_scalar(name, value, step)
+        with disk_errors_name(self._events):
+            for name, value in row.items():
+                if name != "steps" and math.isfinite(value):
+                    self._board.add_scalar(name, value, step)
         self.metrics.flush()
         self.episodes.flush()
 
     def sync(self) -> dict[str, int]:
         """Write everything to disk; returns the bytes of each table, for a checkpoint."""
-        self._board.flush()
+        with disk_errors_name(self._events):
+            self._board.flush()
         return {"metrics": self.metrics.sync(), "episodes": self.episodes.sync()}
 
     def close(self) -> None:
-        self.metrics.close()
-        self.episodes.close()
-        self._board.close()
+        """Close all three, also if one of them cannot be written any more."""
+        with ExitStack() as stack:
+            stack.enter_context(disk_errors_name(self._events))
+            stack.callback(self._board.close)
+            stack.callback(self.episodes.close)
+            stack.callback(self.metrics.close)
 
 
 def _cell(value: Any) -> str:

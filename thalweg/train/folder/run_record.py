@@ -49,8 +49,11 @@ def read_config(folder: Path) -> dict[str, Any] | None:
 
 
 def require_same(folder: Path, recorded: dict[str, Any], requested: dict[str, Any]) -> None:
-    """Raise `TrainingError` naming the first differences between the folder's run and the requested one."""
-    RUN_FOLDER.require_same(folder, recorded, _as_read_from_yaml(requested))
+    """Raise `TrainingError` naming the first differences between the folder's run and the requested one.
+
+    The hash of an encoder is its identity; where its file lies is none.
+    """
+    RUN_FOLDER.require_same(folder, _without_places(recorded), _without_places(_as_read_from_yaml(requested)))
 
 
 def write_status(folder: Path, status: dict[str, Any]) -> None:
@@ -68,6 +71,13 @@ def read_status(folder: Path) -> dict[str, Any]:
         return json.loads(path.read_text(encoding="utf-8"))
     except json.JSONDecodeError as error:
         raise TrainingError(f"{path} is not the status of a run: {error}") from error
+
+
+def _without_places(identity: dict[str, Any]) -> dict[str, Any]:
+    """Return the identity of a run without the place of its encoder's file."""
+    if not isinstance(context := identity.get("context"), dict):
+        return identity
+    return {**identity, "context": {key: value for key, value in context.items() if key != "encoder_file"}}
 
 
 def _as_read_from_yaml(data: dict[str, Any]) -> dict[str, Any]:

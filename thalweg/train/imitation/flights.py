@@ -173,6 +173,7 @@ def redraw(env: RiverVectorEnv, sequences: Sequences, rng: np.random.Generator) 
         suns[index.ravel()],
         sequences.segment.ravel(),
         sequences.travel.ravel(),
+        *(np.zeros(length * count, kind) for kind in (np.int64, np.int64, np.float64)),  # nothing of a task is drawn
     )
     images = env.draw(sequences.river.ravel(), views)
     return images.reshape(length, count, *images.shape[1:])

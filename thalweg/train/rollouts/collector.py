@@ -157,6 +157,11 @@ def costs_to_learn(learner: Learner, cost: Any, costs: Any) -> Any:
             "cost_limits are limits of tight and loose costs, but the environment does not report them separately: "
             "info['costs'] [N, 2] is needed at every step"
         )
+    if costs.shape[1] != 2:
+        raise TrainingError(
+            f"cost_limits are limits of tight and loose costs, but this task has {costs.shape[1]} kinds of cost: give"
+            " cost_limit, that of their sum"
+        )
     return costs
 
 

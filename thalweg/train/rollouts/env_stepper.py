@@ -62,6 +62,7 @@ class EnvStepper:
         """[N] environments whose next step only resets them (NEXT_STEP)."""
         self._critics = CriticInfo(env, self.mode) if critics else None
         self._steps, self._cost_seen = 0, False
+        self._kinds = len(getattr(getattr(env, "unwrapped", env), "cost_kinds", ("tight", "loose")))
         # Somebody else's environment may mean something else by info["river"].
         self._changes_river = bool(getattr(getattr(env, "unwrapped", env), "river_names", None))
 
@@ -110,7 +111,7 @@ class EnvStepper:
         finished = np.flatnonzero(done)
         cost = np.where(valid, self._cost(info, done, len(finished) > 0), 0.0)
         reward = np.where(valid, np.asarray(reward, dtype=np.float64), 0.0)
-        costs = _info_value(info, "costs", done, (self.num_envs, 2))
+        costs = _info_value(info, "costs", done, (self.num_envs, self._kinds))
         costs = None if costs is None else np.where(valid[:, None], costs, 0.0)
         self._require_finite(reward=reward, cost=cost)
         if costs is not None:

@@ -97,7 +97,7 @@ class EpisodeStatistics:
         self._sums[:, 1] += step.cost
         if step.costs is not None:
             self.split = True
-            self._sums[:, 2:] += step.costs
+            self._sums[:, 2:] += step.costs[:, :2]  # a task's own kind is the rest of the cost
         self._lengths += step.valid
         ended = [self._finish(int(env), step) for env in step.finished]
         for episode in ended:

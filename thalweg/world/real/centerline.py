@@ -142,13 +142,20 @@ def from_centerline(points: np.ndarray, closed: bool = True, *, seed: int = 0, p
 
     Raises `WorldError` for a line from which no safe river can be made, with the position and the limit.
     """
-    seed = resolve_level("Easy", seed)[1]
     river = read_river(points, closed, float(plants))
-    islands, bridges = np.zeros((0, 5)), np.zeros((0, 11))
+    return world_around(river, np.zeros((0, 5)), np.zeros((0, 11)), seed, plants=plants)
+
+
+def world_around(river: River, islands: np.ndarray, bridges: np.ndarray, seed: int, *, plants: bool) -> World:
+    """Return the world around a valid river [S] with islands [I, 5] and bridges [B, 11].
+
+    Raises `WorldError` for an invalid seed.
+    """
+    seed = resolve_level("Easy", seed)[1]
     streams = [np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(seed).spawn(4)]
     terrain = build_terrain(river, islands, bridges, (), Relief(), streams[0])
     if not plants:
-        return bare_world(river, terrain, seed)
+        return bare_world(river, islands, bridges, terrain, seed)
     return finish_world(
         name="custom",
         seed=seed,
@@ -161,7 +168,7 @@ def from_centerline(points: np.ndarray, closed: bool = True, *, seed: int = 0, p
     )
 
 
-def bare_world(river: River, terrain: Terrain, seed: int) -> World:
+def bare_world(river: River, islands: np.ndarray, bridges: np.ndarray, terrain: Terrain, seed: int) -> World:
     """Return a world of sand and grass in uniform light, without plants."""
     shape = terrain.ground_m.shape
     sandy = terrain.shore_m < 3.0
@@ -180,8 +187,8 @@ def bare_world(river: River, terrain: Terrain, seed: int) -> World:
         name="custom",
         seed=seed,
         river=river,
-        islands=np.zeros((0, 5)),
-        bridges=np.zeros((0, 11)),
+        islands=islands,
+        bridges=bridges,
         grid=terrain.grid,
         ground_m=terrain.ground_m,
         water_m=terrain.water_m,

@@ -94,7 +94,7 @@ def _lines(value: Any, properties: dict, others: Counter[str]) -> Iterator[tuple
     """Yield every line geometry of an object with the properties of its feature; count other kinds in `others`."""
     kind = value.get("type") if isinstance(value, dict) else None
     if not isinstance(value, dict) or not isinstance(kind, str):
-        raise WorldError(f"not GeoJSON: {_short(value)} stands where an object with a `type` is expected")
+        raise WorldError(f"not GeoJSON: {shortened(value)} stands where an object with a `type` is expected")
     _check_crs(value.get("crs"))
     if kind in LINES:
         yield value, properties
@@ -114,7 +114,7 @@ def _lines(value: Any, properties: dict, others: Counter[str]) -> Iterator[tuple
             yield from _lines(member, properties, others)
     else:
         raise WorldError(
-            f"not GeoJSON: the type {_short(kind)} is unknown; expected FeatureCollection, Feature, LineString or "
+            f"not GeoJSON: the type {shortened(kind)} is unknown; expected FeatureCollection, Feature, LineString or "
             "MultiLineString"
         )
 
@@ -127,7 +127,7 @@ def _check_crs(crs: Any) -> None:
     name = properties.get("name") if isinstance(properties, dict) else None
     if not isinstance(name, str) or WGS84.fullmatch(name) is None:
         raise WorldError(
-            f"its crs is {_short(name if name is not None else crs)}; expected longitude and latitude on WGS84 "
+            f"its crs is {shortened(name if name is not None else crs)}; expected longitude and latitude on WGS84 "
             "(OGC:CRS84 or EPSG:4326): convert it first"
         )
 
@@ -138,7 +138,7 @@ def join_lines(geometry: dict) -> list[Position]:
     if geometry["type"] == "LineString":
         return _positions(coordinates, "")
     if not isinstance(coordinates, list) or not coordinates:
-        raise WorldError(f"the MultiLineString has no parts: its coordinates are {_short(coordinates)}")
+        raise WorldError(f"the MultiLineString has no parts: its coordinates are {shortened(coordinates)}")
     parts = [_positions(part, f" of part {index}") for index, part in enumerate(coordinates)]
     starts: dict[tuple, int] = {}
     for index, part in enumerate(parts):
@@ -165,21 +165,22 @@ def _joint(position: Position) -> tuple[float, float]:
 def _positions(coordinates: Any, context: str) -> list[Position]:
     """Return the checked positions of a line; `context` is used in messages."""
     if not isinstance(coordinates, list) or len(coordinates) < 2:
-        raise WorldError(f"the coordinates{context} are {_short(coordinates)}; expected at least two positions")
+        raise WorldError(f"the coordinates{context} are {shortened(coordinates)}; expected at least two positions")
     for index, position in enumerate(coordinates):
-        if not isinstance(position, list) or len(position) < 2 or not all(map(_is_number, position[:3])):
+        if not isinstance(position, list) or len(position) < 2 or not all(map(is_number, position[:3])):
             raise WorldError(
-                f"position {index}{context} is {_short(position)}; expected longitude, latitude and perhaps elevation"
+                f"position {index}{context} is {shortened(position)}; expected longitude, latitude and perhaps "
+                "elevation"
             )
         if abs(position[0]) > 180 or abs(position[1]) > 90:
             raise WorldError(
-                f"position {index}{context} is {_short(position[:2])}, which is no longitude (-180 to 180) and "
+                f"position {index}{context} is {shortened(position[:2])}, which is no longitude (-180 to 180) and "
                 "latitude (-90 to 90) in degrees: convert projected coordinates to WGS84, longitude first"
             )
     return coordinates
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
     """Return whether a JSON value is a finite number; true and false are not, and 1e999 is infinite."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf
 
@@ -224,8 +225,8 @@ def _width(name: str, value: Any) -> float:
         number = float(value) if isinstance(value, str) else value
     except ValueError:
         number = None
-    if not isinstance(number, int | float) or not _is_number(number) or number <= 0:
-        raise WorldError(f"{name} is {_short(value)}; expected a number of metres above 0")
+    if not isinstance(number, int | float) or not is_number(number) or number <= 0:
+        raise WorldError(f"{name} is {shortened(value)}; expected a number of metres above 0")
     return float(number)
 
 
@@ -236,7 +237,7 @@ def read_name(properties: dict, stem: str) -> str:
     return " ".join(words)[:MAX_NAME_LENGTH] or stem[:MAX_NAME_LENGTH]
 
 
-def _short(value: Any) -> str:
+def shortened(value: Any) -> str:
     """Return a value as JSON, cut to fit in a message."""
     text = json.dumps(value, ensure_ascii=False)
     return text if len(text) <= 60 else f"{text[:57]}..."

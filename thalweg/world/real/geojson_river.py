@@ -19,7 +19,7 @@ from thalweg.world import validation as checks
 from thalweg.world.errors import ShapeError, WorldError, WorldFileError
 from thalweg.world.generate.terrain import check_area
 from thalweg.world.real import geodesy
-from thalweg.world.real.centerline import SPACING_M, from_centerline, read_river
+from thalweg.world.real.centerline import SPACING_M, from_centerline
 from thalweg.world.real.geojson import Track, read_track
 from thalweg.world.record import World
 
@@ -29,6 +29,10 @@ MAX_ELEVATION_ERROR_M = 5.0
 """Maximum distance of an elevation from the monotone profile; beyond it, it cannot be that of the water."""
 MAX_SMOOTH_M = 200.0
 """Maximum standard deviation of the smoothing."""
+
+
+class ElevationError(WorldError):
+    """Elevations that cannot be those of the water."""
 
 
 @dataclass(frozen=True)
@@ -73,27 +77,13 @@ def from_geojson(
     made, and `WorldError` for an argument out of its range.
     """
     line = read_centerline(path, width_m=width_m, start_m=start_m, length_m=length_m, smooth_m=smooth_m)
-    with _errors_naming(path, smooth_m):
+    with errors_naming(path, smooth_m):
         world = from_centerline(line.points, line.closed, seed=seed, plants=plants)
     return replace(world, name=line.name)
 
 
-def check_geojson(
-    path: str | Path,
-    *,
-    width_m: float | None = None,
-    start_m: float = 0.0,
-    length_m: float | None = None,
-    smooth_m: float = 0.0,
-) -> None:
-    """Raise what `from_geojson` raises for a file or an argument, without building the world."""
-    line = read_centerline(path, width_m=width_m, start_m=start_m, length_m=length_m, smooth_m=smooth_m)
-    with _errors_naming(path, smooth_m):
-        read_river(line.points, line.closed, plant_density=1.0)
-
-
 @contextmanager
-def _errors_naming(path: str | Path, smooth_m: float) -> Iterator[None]:
+def errors_naming(path: str | Path, smooth_m: float) -> Iterator[None]:
     """Raise errors about a line as `WorldFileError` with the file's name, and a hint for those that smoothing mends."""
     try:
         yield
@@ -113,20 +103,20 @@ def read_centerline(
     smooth_m: float = 0.0,
 ) -> Centerline:
     """Return the line in a GeoJSON file in local metres; arguments and errors are those of `World.from_geojson`."""
-    _check_options(width_m, start_m, length_m, smooth_m)
+    check_options(width_m, start_m, length_m, smooth_m)
     try:
         track = read_track(Path(path), width_m)
         is_complete = start_m == 0.0 and length_m is None
         closed = is_complete and bool(np.array_equal(track.degrees[0], track.degrees[-1]))
         reach = cut_reach(track, start_m, length_m)
-        return _project(reach, closed, smooth_m)
+        return project(reach, closed, smooth_m)
     except WorldError as reason:
         raise WorldFileError(f"{path}: {reason}") from None
     except RecursionError:
         raise WorldFileError(f"{path}: not GeoJSON: nested too deep") from None
 
 
-def _check_options(width_m: float | None, start_m: float, length_m: float | None, smooth_m: float) -> None:
+def check_options(width_m: float | None, start_m: float, length_m: float | None, smooth_m: float) -> None:
     """Raise `WorldError` for an argument out of its range, before the file is opened."""
     for name, value, low, high in (
         ("width_m", width_m, 2 * checks.CLEARANCE_M, np.inf),
@@ -168,7 +158,7 @@ def cut_reach(track: Track, start_m: float, length_m: float | None) -> Track:
     return Track(track.name, degrees, np.interp(at, arc, track.width_m), elevation)
 
 
-def _project(reach: Track, closed: bool, smooth_m: float) -> Centerline:
+def project(reach: Track, closed: bool, smooth_m: float) -> Centerline:
     """Return a reach in metres about its middle."""
     origin = (reach.degrees.min(axis=0) + reach.degrees.max(axis=0)) / 2
     position = geodesy.local_metres(reach.degrees, origin)
@@ -200,7 +190,7 @@ def monotone_levels(elevation_m: np.ndarray, closed: bool) -> np.ndarray:
     error = np.abs(level - elevation_m)
     worst = int(np.argmax(error))
     if error[worst] > MAX_ELEVATION_ERROR_M:
-        raise WorldError(
+        raise ElevationError(
             f"an elevation of {elevation_m[worst]:g} m lies {error[worst]:.1f} m from a profile that falls all the "
             f"way; limit {MAX_ELEVATION_ERROR_M:g} m: is it that of the water?"
         )

@@ -1,28 +1,24 @@
 """A reach of a real river as data: the file and the part of its line that a command or a run uses."""
 
 import hashlib
-from dataclasses import dataclass, fields
+import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from thalweg.world.errors import WorldFileError
-from thalweg.world.real.geojson_river import check_geojson
+from thalweg.world.real.file_river import from_file, plan_file
+from thalweg.world.real.selection import Selection
+from thalweg.world.real.sources.extra import installed_versions
 from thalweg.world.record import World
+from thalweg.world.store.world_cache import load_or_make, named_path
 
 
 @dataclass(frozen=True)
-class Reach:
-    """A reach of the real river in a GeoJSON file; the fields are arguments of `World.from_geojson`."""
+class Reach(Selection):
+    """A reach of the real river in a file; the fields are arguments of `World.from_file`."""
 
     path: Path
-    width_m: float | None = None
-    """Width in metres where the file gives none."""
-    start_m: float = 0.0
-    """Distance along the file's line at which the reach begins."""
-    length_m: float | None = None
-    """Length; None for the rest of the line."""
-    smooth_m: float = 0.0
-    """Standard deviation of the Gaussian that rounds the line."""
 
     @property
     def name(self) -> str:
@@ -30,12 +26,25 @@ class Reach:
         return self.path.name
 
     def build(self, seed: int = 0) -> World:
-        """Return the world around the reach, with plants and hills from the seed; raises as `World.from_geojson`."""
-        return World.from_geojson(self.path, seed=seed, **self._options())
+        """Return the world around the reach, with plants and hills from the seed; raises as `World.from_file`.
+
+        It is stored in the cache folder, and loaded from there if it was built before from the same file with the same
+        options.
+        """
+        self.check_options()
+        return load_or_make(self._cache_path(seed), lambda: from_file(self.path, seed=seed, **self._options()))
+
+    def is_cached(self, seed: int = 0) -> bool:
+        """Return whether the world was built before; False if there is no such file."""
+        return self.path.is_file() and self._cache_path(seed).is_file()
 
     def check(self) -> None:
         """Raise what `build` raises for the file or a field, without building the world."""
-        check_geojson(self.path, **self._options())
+        plan_file(self.path, self)
+
+    def notes(self) -> tuple[str, ...]:
+        """Return what was joined, turned, measured or left out of the file, as sentences; raises as `check`."""
+        return plan_file(self.path, self).notes
 
     def as_data(self) -> dict[str, Any]:
         """Return plain data that identifies the reach; the file counts by name and content, not by its folder.
@@ -45,8 +54,12 @@ class Reach:
         if not self.path.is_file():
             raise WorldFileError(f"{self.path}: there is no such file")
         content = hashlib.sha256(self.path.read_bytes()).hexdigest()[:16]
-        data = {"file": self.name, "content": content}
-        return data | self._options()
+        return {"file": self.name, "content": content} | self.reach_data()
 
     def _options(self) -> dict[str, Any]:
-        return {field.name: getattr(self, field.name) for field in fields(self)[1:]}
+        return {name: getattr(self, name) for name in Selection.__dataclass_fields__}
+
+    def _cache_path(self, seed: int) -> Path:
+        """Return the path of the world in the cache, which depends on the file, the options and the libraries."""
+        key = json.dumps([self.as_data(), seed, installed_versions()], sort_keys=True, default=str)
+        return named_path(self.path.stem, seed, key)

@@ -8,6 +8,7 @@ import hashlib
 import os
 import re
 import time
+from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -49,7 +50,11 @@ def load_or_build(level: Level | str, seed: int | None = None) -> World:
     A damaged file in the cache is replaced. A cache folder that cannot be written costs time, not the world.
     """
     level, seed = resolve_level(level, seed)
-    path = cache_path(level, seed)
+    return load_or_make(cache_path(level, seed), lambda: build(level, seed))
+
+
+def load_or_make(path: Path, make: Callable[[], World]) -> World:
+    """Return the world at a path in the cache, or one that is made and stored there, as `load_or_build` does."""
     if path.is_file():
         try:
             world = World.load(path)
@@ -60,7 +65,7 @@ def load_or_build(level: Level | str, seed: int | None = None) -> World:
             with contextlib.suppress(OSError):
                 os.utime(path.parent)
             return world
-    world = build(level, seed)
+    world = make()
     with contextlib.suppress(OSError):
         world.save(path)
         os.utime(path.parent)
@@ -70,9 +75,14 @@ def load_or_build(level: Level | str, seed: int | None = None) -> World:
 
 def cache_path(level: Level, seed: int) -> Path:
     """Return the path of a cached world: a readable name with a hash of level and seed."""
-    slug = re.sub(r"[^a-z0-9]+", "-", level.name.lower()).strip("-") or "level"
-    key = hashlib.sha256(f"{level.key}-{seed}".encode()).hexdigest()[:12]
-    return cache_dir() / "worlds" / GENERATOR_HASH / f"{slug}-{str(seed)[:12]}-{key}.npz"
+    return named_path(level.name, seed, f"{level.key}-{seed}")
+
+
+def named_path(name: str, seed: int, key: str) -> Path:
+    """Return the path of a world in the cache: a readable name with a hash of its key."""
+    slug = re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")[:40] or "level"
+    digest = hashlib.sha256(key.encode()).hexdigest()[:12]
+    return cache_dir() / "worlds" / GENERATOR_HASH / f"{slug}-{str(seed)[:12]}-{digest}.npz"
 
 
 @cache

@@ -1,0 +1,101 @@
+"""Tests that environments need no optional dependency, and that errors name the extra which installs a missing one."""
+
+import importlib.metadata
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import thalweg
+from thalweg.core.extras import EXTRAS, advice_for
+from thalweg.world import World
+
+ROOT = Path(__file__).resolve().parent.parent
+OPTIONAL = sorted({module for modules in EXTRAS.values() for module in modules})
+WITHOUT = """
+import sys
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {missing!r}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+sys.meta_path.insert(0, Missing())
+{code}
+"""
+
+
+def run_without(missing: list[str], code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run code in a process in which some modules are not installed."""
+    command = [sys.executable, "-c", WITHOUT.format(missing=missing, code=code), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+ENVIRONMENTS = """
+import gymnasium, thalweg
+from thalweg.render import Camera
+env = gymnasium.make("thalweg/Easy-v0", camera=Camera(32, 32))
+envs = gymnasium.make_vec("thalweg/Easy-v0", num_envs=2, camera=Camera(32, 32), observation="mask")
+for each, action in ((env, env.action_space.sample()), (envs, envs.action_space.sample())):
+    each.reset(seed=0)
+    print(each.step(action)[0].shape)
+"""
+
+
+def test_environments_fly_where_no_extra_is_installed(easy_world: World):
+    ended = run_without(OPTIONAL, ENVIRONMENTS)
+    assert (ended.stdout, ended.returncode) == ("(32, 32, 4)\n(2, 32, 32, 1)\n", 0), ended.stderr
+
+
+def test_the_import_of_the_package_and_a_new_environment_load_nothing_heavy(easy_world: World):
+    code = f"""
+import sys, gymnasium, thalweg
+print([name for name in {[*OPTIONAL, "numba", "scipy"]!r} if name in sys.modules])
+gymnasium.make("thalweg/Easy-v0", observation="none")
+print([name for name in {OPTIONAL!r} if name in sys.modules])
+"""
+    assert run_without([], code).stdout == "[]\n[]\n"
+
+
+SCRIPT = "import sys\nfrom thalweg.cli.entry import main\nsys.exit(main())"
+
+
+@pytest.mark.parametrize(
+    ("missing", "arguments", "told"),
+    [
+        (OPTIONAL, ["--version"], "tyro is not installed; pip install 'thalweg[all]' installs what commands need"),
+        (["matplotlib"], ["world"], "matplotlib is not installed; pip install 'thalweg[all]' installs what commands"),
+        (["torch"], ["train", "--out", "x"], "torch is not installed; pip install 'thalweg[all]' installs what"),
+    ],
+)
+def test_a_command_names_the_extra_that_it_needs(missing: list[str], arguments: list[str], told: str):
+    ended = run_without(missing, SCRIPT, *arguments)
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr.startswith(f"thalweg: {told}") and ended.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("module", "advice"),
+    [
+        ("ray", "ray is not installed; pip install 'thalweg[cluster]' installs what commands need"),
+        ("torch.utils", "torch is not installed; pip install 'thalweg[all]' installs what commands need"),
+        ("mine", None),
+    ],
+)
+def test_advice_names_the_extra_of_a_module(module: str, advice: str | None):
+    assert advice_for(ModuleNotFoundError(name=module)) == advice
+
+
+def test_the_extras_are_those_of_the_projects_file():
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    names = {
+        extra: {re.split(r"[\[<>=]", requirement)[0].replace("-", "_") for requirement in declared[extra]} - {"thalweg"}
+        for extra in EXTRAS
+    }
+    assert names == {extra: set(modules) - {"cuda"} for extra, modules in EXTRAS.items()}
+    assert declared["all"] == ["thalweg[learn,cli,plot,film,geo]"]
+
+
+def test_the_version_is_that_of_the_installation():
+    assert thalweg.__version__ == importlib.metadata.version("thalweg")

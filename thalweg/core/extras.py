@@ -1,0 +1,22 @@
+"""Optional dependencies: which extra of the package installs a module that is missing."""
+
+EXTRAS = {
+    "learn": ("torch", "tensorboard", "rich"),
+    "cli": ("tyro", "rich"),
+    "plot": ("matplotlib", "pandas", "jinja2"),
+    "film": ("imageio", "imageio_ffmpeg"),
+    "geo": ("shapely", "pyproj", "gpxpy", "defusedxml"),
+    "cuda": ("cuda", "numba_cuda"),
+    "cluster": ("ray",),
+}
+"""Modules that each extra of `pyproject.toml` installs; environments need none of them."""
+
+
+def advice_for(error: ModuleNotFoundError) -> str | None:
+    """Return how to install the module that an import did not find; None for one that belongs to no extra."""
+    missing = (error.name or "").partition(".")[0]
+    if not any(missing in modules for modules in EXTRAS.values()):
+        return None
+    extra = next(extra for extra, modules in EXTRAS.items() if missing in modules)
+    several = "all" if extra in ("learn", "cli", "plot", "film", "geo") else extra
+    return f"{missing} is not installed; pip install 'thalweg[{several}]' installs what commands need"

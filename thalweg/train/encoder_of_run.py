@@ -1,0 +1,65 @@
+"""The encoder of a run: where its file was, whether it is still there, and which camera it fits."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from thalweg.core.cache import file_hash
+from thalweg.encoder import DEFAULT_PATH, Encoder
+from thalweg.render import Camera
+from thalweg.train.errors import TrainingError
+
+FILE = "encoder_file"
+"""Key of a policy's context: the encoder's file, where it is not that of the package. Its identity is its hash."""
+
+
+def context_of(policy: Any) -> dict[str, Any]:
+    """Return the context in which a policy was trained; empty for one that was not."""
+    return getattr(getattr(policy, "about", None), "context", {})
+
+
+def file_of_its_own(encoder: Encoder) -> dict[str, str]:
+    """Return the entry of a context for the file of an encoder; empty for the one that comes with the package."""
+    file = Path(encoder.about["path"]).resolve()
+    return {} if file == DEFAULT_PATH.resolve() else {FILE: str(file)}
+
+
+def encoder_of(policy: Any) -> Path | None:
+    """Return the file of the encoder that a policy was trained with; None for the one that comes with the package.
+
+    Raises `TrainingError`, which says which file is needed, if that one is not where it was.
+    """
+    context = context_of(policy)
+    needed, file = context.get("encoder"), context.get(FILE)
+    if needed is None or needed == file_hash(DEFAULT_PATH):
+        return None
+    if file is None:
+        what = "its run did not record the file's name"
+    elif not Path(file).is_file():
+        what = "that file is not there any more"
+    elif (found := file_hash(Path(file))) != needed:
+        what = f"that file has changed since: its hash is {found} now"
+    else:
+        return Path(file)
+    raise TrainingError(
+        f"the policy was trained on the codes of {encoder_in_words(context)}, but {what}; name the file with --encoder"
+    )
+
+
+def encoder_in_words(context: Mapping[str, Any]) -> str:
+    """Return what identifies the encoder that a policy was trained with."""
+    digest = context["encoder"]
+    if digest == file_hash(DEFAULT_PATH):
+        return "the encoder that comes with the package"
+    return f"{context.get(FILE, 'an encoder of its own')} (its hash: {digest})"
+
+
+def check_camera_fits(camera: Camera, encoder: Encoder) -> None:
+    """Raise `TrainingError` unless a camera draws frames of the size that an encoder takes."""
+    side = encoder.config.size_px
+    if (camera.height_px, camera.width_px) != (side, side):
+        raise TrainingError(
+            f"the camera draws frames of {camera.height_px} x {camera.width_px} pixels (height x width), but the"
+            f" encoder {encoder.about.get('path', '')} takes {side} x {side}: set height_px and width_px of the camera"
+            f" to {side}, or use another encoder"
+        )

@@ -24,6 +24,7 @@ from numba.cuda import dispatcher
 from thalweg.env.config import EnvConfig
 from thalweg.env.device import cuda_step as rules
 from thalweg.env.device.step import reset_arguments
+from thalweg.env.forces.arrays import empty_forces, force_numbers
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.rules import State, empty_outcome, empty_state
 from thalweg.render.gpu import ground_profiles, pixel, placed_props, postprocess, visible_plants
@@ -83,6 +84,13 @@ def rule_types() -> tuple[Any, ...]:
     return tuple(numba.typeof(each) for each in (state.pose, courses, config.limits, reset, state, outcome, bytes_))
 
 
+def pushed_types() -> tuple[Any, ...]:
+    """Return the argument types of the rules' kernel under wind, current and inertia."""
+    actions, courses, limits, reset, state, outcome, ended = rule_types()
+    forces, force_state = numba.typeof(force_numbers(EnvConfig())), numba.typeof(empty_forces(1))
+    return actions, courses, limits, forces, reset, state, force_state, outcome, ended
+
+
 def eye_types() -> tuple[Any, ...]:
     """Return the argument types of the ideal eye's kernel, as `TensorRiverEnv` passes them."""
     _, courses, _, _, state, *_ = rule_types()
@@ -140,6 +148,8 @@ def variants() -> dict[str, Variant]:
     )
     kernels["advance"] = Variant(rules.advance, rule_types(), rules.THREADS, fastmath=False)
     kernels["advance_boats"] = Variant(rules.advance_boats, rule_types(), rules.THREADS, fastmath=False)
+    for name in ("advance_pushed", "advance_pushed_boats"):
+        kernels[name] = Variant(getattr(rules, name), pushed_types(), rules.THREADS, fastmath=False)
     kernels["see_in_task"] = Variant(rules.see_in_task, task_eye_types(), rules.THREADS, fastmath=False)
     kernels["props"] = Variant(rules.props, props_types(), rules.THREADS, fastmath=False)
     kernels["see"] = Variant(rules.see, eye_types(), rules.THREADS, fastmath=False)

@@ -7,6 +7,7 @@ import torch
 
 from tests.render.plain import plane, plants_at
 from thalweg.env import EnvConfig
+from thalweg.env.physics.wind import Wind
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.render import Camera, Look
 from thalweg.render.records.props import PropKind
@@ -47,6 +48,17 @@ def flown(task: Any = "River") -> dict[str, np.ndarray]:
         "costs": np.array([info["costs"].numpy() for *_, info in steps]),
         "reason": np.array([info["done_reason"].numpy() for *_, info in steps]),
     }
+
+
+def flown_in_wind() -> dict[str, np.ndarray]:
+    """What happens to environments of tensors in all steps of random flights under wind, current and inertia."""
+    forces = {"dynamics": "inertial", "wind": Wind(), "current_m_per_s": (0.2, 0.6), "carried_by_current": True}
+    config = EnvConfig(observation="none", action="continuous", max_idle_steps=8, **forces)
+    env = TensorRiverEnv(worlds(), FLIGHTS, config, device="cpu")
+    env.reset(seed=0)
+    chosen = torch.rand(STEPS // 2, FLIGHTS, 4, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    infos = [env.step(actions)[-1] for actions in chosen]
+    return {name: np.array([info[name].numpy() for info in infos]) for name in ("pose", "wind", "velocity", "costs")}
 
 
 def _mixed(places):

@@ -12,7 +12,10 @@ from numba import cuda, float32, types
 
 from benchmarks import registers
 
-DOUBLE = {"place_cameras", "advance", "advance_boats", "see", "see_boats", "see_in_task", "props"}
+DOUBLE = {
+    *("place_cameras", "advance", "advance_boats", "advance_pushed", "advance_pushed_boats", "see", "see_boats"),
+    *("see_in_task", "props"),
+}
 """Kernels in double precision: the rules, and those that compute with poses."""
 
 

@@ -99,3 +99,13 @@ def test_flights_equal_those_of_the_cpu(tmp_path: Path, task: str):
     np.testing.assert_allclose(found["felt"], wanted["felt"], rtol=0, atol=1e-5)
     assert wanted["felt"].std((0, 1)).min() > 0.1
     assert wanted["seen"][..., 5:].std((0, 1)).min() == 0 < wanted["seen"][..., :5].std((0, 1)).min()
+
+
+@pytest.mark.slow
+def test_flights_under_wind_current_and_inertia_equal_those_of_the_cpu(tmp_path: Path):
+    path = tmp_path / "flown.npz"
+    simulated("simulate_rules", str(path), "wind")
+    found, wanted = np.load(path), cases.flown_in_wind()
+    assert np.abs(wanted["wind"]).max() > 1 and np.abs(wanted["velocity"]).max() > 1
+    for name, values in wanted.items():
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-9)

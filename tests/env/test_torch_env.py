@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode
 
 import thalweg
 from tests.render.plain import plane
+from thalweg.core.compute.counter_random import splitmix64, uniform
 from thalweg.env import RiverVectorEnv
 from thalweg.env.config import ConfigError, EnvConfig
 from thalweg.env.device.memory import bytes_per_env, check_memory
@@ -16,7 +17,6 @@ from thalweg.env.initial_poses import CLOCK_RANGE_S, check_pose
 from thalweg.env.observation import PARTS
 from thalweg.env.snapshot import StateError
 from thalweg.env.spaces import ActionError
-from thalweg.env.task.counter_random import splitmix64, uniform
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.torch_env import BUFFERS, TensorRiverEnv
 from thalweg.render.records.appearance import HALF_H, PITCH

@@ -38,6 +38,7 @@ from thalweg.core.config import parse_config
 from thalweg.encoder import DEFAULT_PATH, PACKAGED, load_encoder, train_encoder
 from thalweg.encoder.vae import VAEConfig
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.physics.wind import Wind
 from thalweg.env.shield.moves import VERDICTS
 from thalweg.env.shield.shield import OPTIONS as SHIELD_OPTIONS
 from thalweg.env.shield.shield import Shield
@@ -153,6 +154,24 @@ def rules() -> Trace:
             reasons.append(info["done_reason"])
         found[name] = np.concatenate([rewards, costs.ravel(), np.bincount(np.ravel(reasons) + 1, minlength=12)])
         found[f"{name} poses"] = env.get_state()["pose"]
+    return found
+
+
+def forces() -> Trace:
+    """Poses, winds, velocities and costs of random flights on a hand-made ring, under all forces and in the wind."""
+    weather = {"wind": Wind(), "current_m_per_s": (0.2, 0.6), "carried_by_current": True}
+    cases = {"all": {"action": "continuous", "dynamics": "inertial", **weather}, "wind": {"wind": Wind()}}
+    found = {}
+    for name, options in cases.items():
+        env = RiverVectorEnv(ring(), 8, EnvConfig(observation="none", **options))
+        rng, costs = np.random.default_rng(7), np.zeros((8, 2))
+        env.reset(seed=3)
+        for _ in range(60):
+            units = np.where([[False, True, True, True]], rng.integers(-1, 2, (8, 4)), 0)
+            *_, info = env.step(units.astype(np.float32) if name == "all" else 1 - units)
+            costs += info["costs"]
+        found |= {f"{name} {part}": info[part] for part in ("pose", "wind", "velocity") if part in info}
+        found[f"{name} costs"] = costs
     return found
 
 
@@ -351,6 +370,7 @@ GOLDENS: dict[str, Golden] = {
     "render": Golden("RENDER", versions.RENDER, render, tolerance=0.02),
     "props": Golden("PROPS", versions.PROPS, props, tolerance=0.02),
     "rules": Golden("RULES", versions.RULES, rules, tolerance=1e-9),
+    "forces": Golden("FORCES", versions.FORCES, forces, tolerance=1e-9),
     "tasks": Golden("TASKS", versions.TASKS, tasks, tolerance=1e-6, smallest=1e-3),
     "vehicles": Golden("VEHICLES", versions.VEHICLES, vehicles, tolerance=1e-6, smallest=1e-5),
     "privileged": Golden("PRIVILEGED", versions.PRIVILEGED, privileged, tolerance=1e-4, smallest=1e-3),

@@ -13,6 +13,8 @@ PROPS = 1
 """Props in frames: their shapes, places and classes, and the water around them."""
 RULES = 1
 """Motion, progress, reward, cost and termination."""
+FORCES = 1
+"""Motion under wind, current and inertia, and the weather that a seed draws."""
 TASKS = 1
 """What the tasks beside the paper's pay and cost, when they end, and what they add to the ideal eye."""
 VEHICLES = 1

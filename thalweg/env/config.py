@@ -13,8 +13,13 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 import numpy as np
 from pydantic import BeforeValidator, Field, InstanceOf, PositiveInt, model_validator
 
-from thalweg.core.config import FiniteNonNegative, FinitePositive, Hint, frozen_config, refuse_unknown
+from thalweg.core.config import FiniteNonNegative, FinitePositive, Hint, PairOf, frozen_config, refuse_unknown
+from thalweg.env.errors import ConfigError
 from thalweg.env.observation import DRAWN, LAYERS, Observation, parts_of
+from thalweg.env.physics.feasible import check_forces
+from thalweg.env.physics.inertia import Inertia
+from thalweg.env.physics.ranges import FromNumber, InOrder
+from thalweg.env.physics.wind import Wind
 from thalweg.env.tasks import TASKS, Task, TaskName, TaskRules
 from thalweg.env.vehicle.boat import Boat
 from thalweg.render.records.camera import Camera
@@ -24,10 +29,10 @@ from thalweg.render.records.randomisation import Randomisation
 ActionSpace = Literal["multidiscrete", "continuous"]
 RewardScheme = Literal["paper", "package"]
 Vehicle = Literal["uav", "asv"]
-
-
-class ConfigError(ValueError):
-    """An unknown key of a config, or a value that is unknown or out of range."""
+Dynamics = Literal["kinematic", "inertial"]
+Current = Annotated[PairOf[FiniteNonNegative], FromNumber, InOrder]
+FORCE_FIELDS = ("dynamics", "inertia", "wind", "current_m_per_s", "carried_by_current")
+"""Fields that `EnvConfig.as_data` leaves out at their defaults, so that the data of older configs stays the same."""
 
 
 class UnknownOptionError(ConfigError, TypeError):
@@ -171,7 +176,19 @@ class EnvConfig:
     start_clearance_m: FiniteNonNegative = 0.5
     """Minimum distance of random initial poses from banks, islands and bridges."""
     step_s: FiniteNonNegative = 0.25
-    """Time that passes in one step; only the ripples of the water depend on it."""
+    """Time that passes in one step; the ripples of the water depend on it, and wind, current and inertia."""
+    dynamics: Dynamics = "kinematic"
+    """`kinematic`: an action moves the camera by a step at once; `inertial`: it commands velocities, which follow with
+    a lag and limited acceleration, see `inertia`. Continuous actions only."""
+    inertia: InstanceOf[Inertia] = field(default_factory=Inertia)
+    """Maximum speeds, time constants and accelerations of inertial dynamics, in place of the sizes of the steps."""
+    wind: InstanceOf[Wind] | None = None
+    """Mean wind and gusts that push the vehicle. None: no wind."""
+    current_m_per_s: Current | None = None
+    """Speed of the water's surface in mid-channel, its mean along the course; a pair is a range from which each episode
+    draws. None: still water."""
+    carried_by_current: bool = False
+    """Whether the vehicle floats, so that the current carries it and no wind lifts it."""
     camera: InstanceOf[Camera] = field(default_factory=Camera)
     """Resolution and optics of the frames."""
     quality: Quality = "full"
@@ -222,10 +239,19 @@ class EnvConfig:
             raise ValueError(
                 f"allow_backward must be False in the task {self.task}, in which that option is a fast step; got True"
             )
+        if fast and self.dynamics == "inertial":
+            raise ValueError(
+                f"dynamics must be kinematic in the task {self.task}, whose fast step is no velocity; got inertial"
+            )
         if fast and self.forward_step_m >= fast:
             raise ValueError(
                 f"forward_step_m must be below the fast step of the task {self.task}, {fast:g} m; got"
                 f" {self.forward_step_m:g}"
+            )
+        if fast and self.dynamics == "inertial":
+            raise ValueError(
+                f"dynamics must be kinematic in the task {self.task}, which has a fast step, that is no velocity; got"
+                " inertial"
             )
         return self
 
@@ -235,18 +261,29 @@ class EnvConfig:
             raise ValueError(f"step_s must be above 0 for proprioception, which has velocities, got {self.step_s}")
         return self
 
+    @model_validator(mode="after")
+    def _vehicle_withstands_the_forces(self) -> Self:
+        if self.dynamics == "inertial" and self.action != "continuous":
+            raise ValueError(f"dynamics='inertial' needs action='continuous', not {self.action!r}")
+        inertial = self.inertia if self.dynamics == "inertial" else None
+        steps = self.step_s, self.lateral_step_m, self.forward_step_m
+        check_forces(steps, inertial, self.wind, self.current_m_per_s, self.carried_by_current)
+        return self
+
     def with_options(self, **options: Any) -> "EnvConfig":
         """Return a copy with some fields changed; raises `ConfigError` for an unknown key and lists the known ones."""
         check_options(options, (entry.name for entry in fields(self)))
         return replace(self, **options)
 
     def as_data(self) -> dict[str, Any]:
-        """Return what defines the task as plain data: all fields but `critic_info`, which nothing in it depends on.
+        """Return what defines the task as plain data: all fields but `critic_info`, which nothing in it depends on, and
+        those of `FORCE_FIELDS` that have their defaults.
 
         The paper's task is that of data without `task`, `hard`, `vehicle` and `boat`: earlier versions knew no other.
         """
         left_out = {"critic_info"} | ({"task", "hard"} if self.task == "River" else set())
         left_out |= {"vehicle", "boat"} if self.vehicle == "uav" else set()
+        left_out |= {name for name in FORCE_FIELDS if getattr(self, name) == getattr(DEFAULT_CONFIG, name)}
         parts = {} if isinstance(self.observation, str) else {"observation": list(self.observation)}
         return {name: value for name, value in asdict(self).items() if name not in left_out} | parts
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
+from inspect import signature
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -40,6 +41,8 @@ class Views(NamedTuple):
     """[M] int64, and what the task keeps; see `State`."""
     scene: np.ndarray
     station: np.ndarray
+    wind: np.ndarray | None = None
+    """[M, 2] float64, m/s towards east and north: the mean wind of the episode; None is no wind."""
     proprioception: np.ndarray | None = None
     """[M, P] float32, see `thalweg.env.task.proprioception`; None where it is not observed."""
 
@@ -106,6 +109,9 @@ class FrameRenderer:
         """[N, P] appearance of each environment."""
         self.sun = np.zeros(num_envs, dtype=np.int64)
         """[N] index of the light of each environment."""
+        self.wind = np.zeros((num_envs, 2))
+        """[N, 2] mean wind of each environment, m/s towards east and north."""
+        self._windy = config.wind is not None
 
     def draw_look(self, row: int, period: str, generator: np.random.Generator) -> None:
         """Draw the look of one environment if it changes with this period, "episode" or "environment"."""
@@ -115,7 +121,7 @@ class FrameRenderer:
     def views(self, state: State, rows: np.ndarray | slice = slice(None)) -> Views:
         """Return copies of what the environments `rows` see in a state."""
         seen = state.pose, state.world, state.time_s, self.look, self.sun, state.segment, state.travel
-        values = *seen, state.steps, state.scene, state.station
+        values = *seen, state.steps, state.scene, state.station, self.wind
         return Views(*(a[rows].copy() for a in values))
 
     def camera_matrices(self, poses: np.ndarray) -> CameraMatrices:
@@ -135,21 +141,24 @@ class FrameRenderer:
         """Return new frames [M, H, W, 4] uint8 of the views; props [M, P, 6]: the objects of a task in each."""
         out = np.empty((len(views.pose), self.camera.height_px, self.camera.width_px, 4), dtype=np.uint8)
         world = self._lit_world(views)
-        return self._drawer().render(views.pose, world, views.time_s, out, **self._options(views, props))
+        return self._drawer().render(views.pose, world, views.time_s, out, **self._options(views, props, windy=True))
 
     def _lit_world(self, views: Views) -> np.ndarray:
         """Return the index [M] of the world of each view in its light."""
         return views.world if self.randomisation is None else views.world * self.lights + views.sun
 
-    def _options(self, views: Views, props: np.ndarray | None) -> dict[str, np.ndarray]:
-        """Return what is given to the renderer by name: only what there is, as another renderer may know less."""
-        looks = {} if self.randomisation is None else {"look": views.look}
+    def _options(self, views: Views, props: np.ndarray | None, *, windy: bool = False) -> dict[str, Any]:
+        """Return what is given to the renderer by name: only what there is, as another renderer may know less; `windy`:
+        the wind too, if the renderer shows any."""
+        looks: dict[str, Any] = {} if self.randomisation is None else {"look": views.look}
+        if windy and self._windy and "wind" in signature(self._drawer().render).parameters:
+            looks["wind"] = views.wind
         return looks if props is None else {**looks, "props": props}
 
     def render_layers(self, views: Views, layers: "Collection[Layer]", props: np.ndarray | None = None) -> "Frame":
         """Return new `Frame`s of the views with these layers; nothing is drawn that they do not need; props: as in
         `render`."""
-        world, options = self._lit_world(views), self._options(views, props)
+        world, options = self._lit_world(views), self._options(views, props, windy=True)
         return self._drawer().render_layers(views.pose, world, views.time_s, layers=layers, **options)
 
     def _drawer(self) -> Any:

@@ -22,7 +22,10 @@ from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneRe
 from thalweg.env.device.launcher import Launcher
 from thalweg.env.device.memory import bytes_per_env, check_memory, free_bytes
 from thalweg.env.device.observer import BUFFERS, TensorObserver
+from thalweg.env.device.pushed_step import advance_pushed_all
 from thalweg.env.device.step import advance_all, reset_arguments
+from thalweg.env.forces.arrays import ForceState, empty_forces, force_numbers, has_forces
+from thalweg.env.forces.of_many import PREFIX, write_winds
 from thalweg.env.initial_poses import random_start
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.snapshot import StateError, env_identity, fingerprints
@@ -41,8 +44,9 @@ class TensorRiverEnv:
     """N environments over one or several worlds on one device; environment i flies in world i % len(worlds).
 
     `info` belongs to the action just taken: `cost` [N], `costs` [N, K] by kind (`cost_kinds`), `done_reason` [N],
-    `progress` [N] (share of segments visited, of `Portage` that of the greatest way to the station) and `pose` [N, 4].
-    With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs to the state that the observation shows, see
+    `progress` [N] (share of segments visited, of `Portage` that of the greatest way to the station) and `pose` [N, 4];
+    `wind` and `velocity` are as in `RiverVectorEnv`. With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs
+    to the state that the observation shows, see
     `thalweg.env.task.critic_info`. Environment i is seeded with seed + i, so that its episodes do not depend on the
     number of environments. Rewards, costs and poses are float64.
     """
@@ -104,11 +108,15 @@ class TensorRiverEnv:
         counters["ended"] = np.ones(self.num_envs, np.uint8)
         if "proprioception" in self.config.parts:
             counters["last_pose"], counters["last_action"] = no_last_step(self.num_envs)
+        pushed = has_forces(self.config)
+        force = empty_forces(self.num_envs)._asdict() if pushed else {}
+        force = {PREFIX + name: values for name, values in force.items()}
         tensor, array = self._launcher.tensor, self._launcher.array
-        self._tensors = {name: tensor(values) for name, values in {**state, **outcome, **counters}.items()}
+        everything = {**state, **outcome, **counters, **force}
+        self._tensors = {name: tensor(values) for name, values in everything.items()}
         """Everything that a step reads and changes."""
         kept = [name for name in state if self.config.task != "River" or name not in TASK_STATE]
-        self._state_names = (*kept, *counters)
+        self._state_names = (*kept, *counters, *force)
         """Names of the tensors that the future depends on."""
         self._segments = tensor(courses.segments[self.world_index])
         greatest = np.where(courses.closed != 0, 0.5, 1.0) * courses.length
@@ -119,15 +127,20 @@ class TensorRiverEnv:
         self._observer.attach(self._tensors, self._courses)
         looks = self._observer.looks
         reset = reset_arguments(self.config, arrays["seed"], arrays["episode"], arrays["look"], looks)
+        self._forces = (force_numbers(self.config), ForceState(*(arrays[name] for name in force))) if pushed else None
+        """Numbers and arrays of wind, current and inertia; None without them."""
+        before, after = ((self._forces[0],), (self._forces[1],)) if self._forces else ((), ())
         self._arguments = (
             self._courses,
             self.config.limits,
+            *before,
             reset,
             State(**{name: arrays[name] for name in state}),
+            *after,
             Outcome(**{name: arrays[name] for name in outcome}),
             arrays["ended"],
         )
-        """Arguments of `advance_all` after the actions."""
+        """Arguments of `advance_all`, or with forces of `advance_pushed_all`, after the actions."""
 
     @property
     def camera_matrices(self) -> CameraMatrices:
@@ -202,6 +215,11 @@ class TensorRiverEnv:
         """Unit actions [N, 4] float64 of a step on a GPU."""
         return torch.zeros(self.num_envs, 4, dtype=torch.float64, device=self.device)
 
+    @cached_property
+    def _blowing(self) -> Tensor:
+        """The wind [N, 3] float64; memory that `_wind` fills again and again."""
+        return torch.zeros(self.num_envs, 3, dtype=torch.float64, device=self.device)
+
     def _advance(self, unit_actions: Tensor) -> None:
         """Step or reset every environment by unit actions [N, 4] float64."""
         begun = self._observer.step(unit_actions)
@@ -209,8 +227,10 @@ class TensorRiverEnv:
             # Launches that are replayed read the same memory again.
             self._actions.copy_(unit_actions)
             unit_actions = self._actions
-        array, kernel = self._launcher.array, "advance_boats" if self.config.limits.is_boat else "advance"
-        self._launcher.run(kernel, advance_all, lambda: (array(unit_actions), *self._arguments))
+        array = self._launcher.array
+        name, advance = ("advance", advance_all) if self._forces is None else ("advance_pushed", advance_pushed_all)
+        name += "_boats" * bool(self.config.limits.is_boat)
+        self._launcher.run(name, advance, lambda: (array(unit_actions), *self._arguments))
         self._observer.start(begun)
 
     def _unit_actions(self, actions: Tensor) -> Tensor:
@@ -240,6 +260,10 @@ class TensorRiverEnv:
     def _info(self) -> Info:
         tensors = self._tensors
         told = {"critic_obs": self._critic_obs()} if self.config.critic_info else {}
+        if self.config.wind is not None:
+            told["wind"] = self._wind()
+        if self.config.dynamics == "inertial":
+            told["velocity"] = tensors[PREFIX + "velocity"].clone()
         return {
             "cost": tensors["costs"].sum(1),
             "costs": tensors["costs"].clone(),
@@ -248,6 +272,13 @@ class TensorRiverEnv:
             "pose": tensors["pose"].clone(),
             **told,
         }
+
+    def _wind(self) -> Tensor:
+        """Return the wind [N, 3] in m/s that blows in the next step."""
+        forces = self._forces
+        assert forces is not None
+        self._launcher.run("write_winds", write_winds, lambda: (*forces, self._launcher.array(self._blowing)))
+        return self._blowing.clone()
 
     def _progress(self) -> Tensor:
         """Return the share [N] of the course that was visited, or that was gained towards the station."""

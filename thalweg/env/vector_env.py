@@ -16,6 +16,7 @@ from gymnasium.vector.utils import batch_space
 from thalweg.core.config import refuse_unknown
 from thalweg.env import snapshot
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, integer_at_least
+from thalweg.env.forces.of_many import ForcesOfMany
 from thalweg.env.frame_renderer import FrameRenderer, Views
 from thalweg.env.initial_poses import check_pose, project_anywhere, random_clock, random_start, travel_direction
 from thalweg.env.observer import Observer
@@ -42,7 +43,6 @@ from thalweg.env.task.rules import (
     empty_outcome,
     empty_state,
     pose_of,
-    step_all,
 )
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
@@ -57,7 +57,8 @@ class RiverVectorEnv(VectorEnv):
 
     Environment i flies in world i % len(worlds). With a `RiverList` in place of worlds it flies each episode in a river
     of the list that its own generator draws, all with the same probability, and the next ones are prepared in the
-    background; `info["river"]` [N] is the index of the river in the list.
+    background; `info["river"]` [N] is the index of the river in the list. Wind and inertia add `wind` [N, 3] and
+    `velocity` [N, 4] to it, see `thalweg.env.forces.of_many`.
 
     In every autoreset mode, `info` belongs to the action just taken: `cost` [N], `costs` [N, K] by kind
     (`cost_kinds`: tight, loose, that of the task, and shallow for a boat), `done_reason` [N], `progress` [N] (share of
@@ -125,6 +126,8 @@ class RiverVectorEnv(VectorEnv):
         """[N] index of the world of each environment in the courses."""
         visited = np.zeros((self.num_envs, self.rivers.most_segments), dtype=np.uint8)
         self.state = empty_state(self.world_index, self.courses)._replace(visited=visited)
+        self.forces = ForcesOfMany(config, self.num_envs)
+        self.frames.wind = self.forces.horizontal
         self._pilots: dict[str, Any] = {}
         """Those that were asked, by their names."""
         self.generators: list[np.random.Generator | None] = [None] * self.num_envs
@@ -203,7 +206,7 @@ class RiverVectorEnv(VectorEnv):
 
         active = ~self._ended
         self.observer.step(self.state.pose, unit_actions)
-        step_all(active, unit_actions, self.courses, self.limits, self.state, self._outcome)
+        self.forces.step_all(active, unit_actions, self.courses, self.limits, self.state, self._outcome)
         self.state.time_s[active] += self.config.step_s
         for row in np.flatnonzero(~active):
             self._start_episode(int(row))
@@ -291,13 +294,15 @@ class RiverVectorEnv(VectorEnv):
             for name in TASK_STATE:
                 del arrays[name]
         looks = {"look": self.frames.look.copy(), "sun": self.frames.sun.copy()}
-        return {**arrays, **self.rivers.state(), **looks, **self.observer.state()}
+        return {**arrays, **self.rivers.state(), **looks, **self.forces.get_state(), **self.observer.state()}
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Restore a state of `get_state`; raises `StateError` before anything changes if it does not fit."""
         snapshot.check_arrays(state, self.get_state())
         snapshot.check_values(state, self.rivers.segments_in(state), self.frames.lights)
+        self.forces.check_state(state)
         self.rivers.restore(state)
+        self.forces.set_state(state)
         kept = {**state, "world": self.world_index}
         snapshot.restore_state(kept, self.state, self.generators, self._started, self._ended)
         self.frames.look[:], self.frames.sun[:] = state["look"], state["sun"]
@@ -376,6 +381,7 @@ class RiverVectorEnv(VectorEnv):
             scene = int(generator.integers(LARGEST_SCENE)) if self.courses.swimmers[world] else 0
             begin_task(row, self.courses, self.limits, state, projection, scene)
         self.frames.draw_look(row, "episode", generator)
+        self.forces.begin(row, generator)
         self._started[row] = True
         self._ended[row] = False
 
@@ -409,6 +415,7 @@ class RiverVectorEnv(VectorEnv):
             "done_reason": outcome.reason.copy(),
             "progress": progress_of(self.config, self.courses, self.state),
             "pose": state.pose.copy(),
+            **self.forces.info(),
         }
         if isinstance(self.rivers, DrawnRivers):
             info["river"] = self.rivers.river.copy()

@@ -17,6 +17,7 @@ from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.batch import bands_of, draw
 from thalweg.render.errors import RenderError
 from thalweg.render.records.appearance import Look, look_rows, look_values
+from thalweg.render.records.breeze import ruffle
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.props import NO_PROPS, checked_props
 from thalweg.render.records.quality import QUALITIES, Quality
@@ -98,6 +99,8 @@ class Renderer:
         out: np.ndarray | None = None,
         look: Look | Sequence[Look] | np.ndarray | None = None,
         props: ArrayLike | None = None,
+        *,
+        wind: ArrayLike | None = None,
     ) -> np.ndarray:
         """Frames [N, H, W, 4] uint8: sRGB, and the water mask (0 or 255) in the fourth channel.
 
@@ -105,11 +108,12 @@ class Renderer:
         first if left out). time_s [N] or a number: moves the ripples. out: an array of the result's shape to draw into.
         look: one for all frames, or one for each (also as an array [N, P], see
         `thalweg.render.records.appearance.PARAMETERS`). props [N, P, 6]: what else stands in each frame, see
-        `thalweg.render.records.props`; frames without props do not change by it.
+        `thalweg.render.records.props`; frames without props do not change by it. wind [N, 2]: m/s towards east and
+        north, by which ripples grow and move; at zero they are as without it.
 
-        Raises `RenderError` for poses, indices, looks, props or an `out` that do not fit.
+        Raises `RenderError` for poses, indices, looks, props, winds or an `out` that do not fit.
         """
-        views = self._checked(poses, world_index, time_s, look)
+        views = self._checked(poses, world_index, time_s, look, wind)
         drawn_props = checked_props(props, len(views.poses))
         out = _checked_out(out, (len(views.poses), self.camera.height_px, self.camera.width_px, 4))
         self._draw(views, output(COLOURS, _packed(out)), drawn_props)
@@ -141,6 +145,8 @@ class Renderer:
         look: Look | Sequence[Look] | np.ndarray | None = None,
         layers: Collection[Layer] = ALL_LAYERS,
         props: ArrayLike | None = None,
+        *,
+        wind: ArrayLike | None = None,
     ) -> Frame:
         """Frames with depth and class; arguments and errors as in `render`.
 
@@ -151,7 +157,7 @@ class Renderer:
         refuse_unknown("layer", layers, ALL_LAYERS, RenderError)
         if not layers:
             raise RenderError(f"name at least one of the layers {', '.join(ALL_LAYERS)}")
-        views = self._checked(poses, world_index, time_s, look)
+        views = self._checked(poses, world_index, time_s, look, wind)
         drawn_props = checked_props(props, len(views.poses))
         shape = (len(views.poses), self.camera.height_px, self.camera.width_px)
         image = np.empty((*shape, 4), np.uint8) if "rgb" in layers else None
@@ -218,6 +224,7 @@ class Renderer:
         world_index: ArrayLike | None,
         time_s: ArrayLike | None,
         look: Look | Sequence[Look] | np.ndarray | None,
+        wind: ArrayLike | None = None,
     ) -> Views:
         # Copies, here and below: kernels would be compiled again for arrays that are strided or can't be written to.
         poses = np.array(poses, np.float64, order="C")
@@ -236,12 +243,22 @@ class Renderer:
             rows = np.repeat(self._default_look_row, count, axis=0)
         else:
             rows = look_rows(look_values(look, count), self.camera)
+        if wind is not None:
+            ruffle(rows, *_checked_wind(wind, count).T)
         return Views(index, poses, times, rows)
 
     @cached_property
     def _default_look_row(self) -> np.ndarray:
         """The row [1, LOOK_COLUMNS] of the default look, which most frames have."""
         return look_rows(look_values(None, 1), self.camera)
+
+
+def _checked_wind(wind: ArrayLike, count: int) -> np.ndarray:
+    """Return winds [N, 2] float64; raises `RenderError` for another shape, or values that are not finite."""
+    winds = np.asarray(wind, np.float64)
+    if winds.shape != (count, 2) or not np.isfinite(winds).all():
+        raise RenderError(f"wind has shape {list(winds.shape)}; it must be [{count}, 2], finite, in m/s east and north")
+    return winds
 
 
 def _checked_out(out: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:

@@ -9,6 +9,7 @@ import pytest
 from tests.env.flights import BACKWARD, DOWN, FORWARD, HOVER, LEFT, RIGHT, TURN_LEFT, TURN_RIGHT, UP
 from tests.env.handmade import canal, ring
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.physics.wind import Wind
 from thalweg.env.task.proprioception import PROPRIOCEPTION
 
 FELT = EnvConfig(observation=("proprioception",))
@@ -73,12 +74,16 @@ def test_velocities_are_per_second():
     assert after[1] == pytest.approx(2.0)
 
 
-def test_what_is_felt_in_random_flights_follows_from_the_poses():
-    env = RiverVectorEnv([ring(level_m=1.5), canal(level_m=0.5)], 6, FELT, autoreset_mode="NEXT_STEP")
+@pytest.mark.parametrize(
+    "pushed", [{}, {"action": "continuous", "dynamics": "inertial", "wind": Wind()}], ids=["still", "pushed"]
+)
+def test_what_is_felt_in_random_flights_follows_from_the_poses(pushed: dict):
+    config = FELT.with_options(**pushed)
+    env = RiverVectorEnv([ring(level_m=1.5), canal(level_m=0.5)], 6, config, autoreset_mode="NEXT_STEP")
     _, info = env.reset(seed=1)
     random, poses, steps = np.random.default_rng(2), info["pose"], 0
     for _ in range(150):
-        actions = random.integers(0, 3, (6, 4))
+        actions = random.uniform(-1, 1, (6, 4)) if pushed else random.integers(0, 3, (6, 4))
         obs, _, _, _, info = env.step(actions)
         for row in range(6):
             x, y, z, yaw = info["pose"][row]
@@ -89,7 +94,14 @@ def test_what_is_felt_in_random_flights_follows_from_the_poses():
                 was = poses[row]
                 moved = complex(x - was[0], y - was[1]) * cmath.exp(-1j * yaw) / 0.25
                 turned = cmath.phase(cmath.exp(1j * (yaw - was[3]))) / 0.25
-                expected = [height, moved.real, moved.imag, (z - was[2]) / 0.25, turned, *(1.0 - actions[row])]
+                expected = [
+                    height,
+                    moved.real,
+                    moved.imag,
+                    (z - was[2]) / 0.25,
+                    turned,
+                    *(actions[row] if pushed else 1 - actions[row]),
+                ]
                 steps += 1
             np.testing.assert_allclose(obs["proprioception"][row], expected, atol=1e-5)
         poses = info["pose"]

@@ -17,12 +17,12 @@ from thalweg.bench.evaluate.baselines import DRAWN, Policy, RecurrentPolicy, Sig
 from thalweg.bench.evaluate.course import DEFAULT_EVALUATION, Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import ALL_REASONS, END_COLUMNS, Episode
 from thalweg.bench.evaluate.shielded import FlightShield, check_shield
+from thalweg.core.compute.counter_random import scene_of
 from thalweg.core.compute.device import resolve_device
 from thalweg.encoder import Encoder
 from thalweg.env import RiverVectorEnv
 from thalweg.env.pilot.in_rivers import PILOTS
 from thalweg.env.spaces import CHANNELS
-from thalweg.env.task.counter_random import scene_of
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.train.observations import feels, observation_of

@@ -1,9 +1,11 @@
-"""CUDA kernels of `thalweg.env.device.step`, of the ideal eyes, of tasks and of proprioception: one thread per
-environment, in float64."""
+"""CUDA kernels of `thalweg.env.device`, of the ideal eyes, of tasks and of proprioception: one thread per environment,
+in float64."""
 
 from numba import cuda, float64
 
+from thalweg.env.device.pushed_step import advance_pushed_one
 from thalweg.env.device.step import advance_one
+from thalweg.env.forces.weather import wind_now
 from thalweg.env.initial_poses import DRAWS
 from thalweg.env.task.ideal_eye import see_one
 from thalweg.env.task.priced.eye import see_in_task as see_one_in_task
@@ -32,6 +34,31 @@ def advance_boats(actions, courses, limits, reset, state, outcome, ended):
         return
     draws = cuda.local.array(DRAWS, float64)
     advance_one(row, actions, courses, limits, reset, state, outcome, ended, draws)
+
+
+def advance_pushed(actions, courses, limits, forces, reset, state, force_state, outcome, ended):
+    """As `pushed_step.advance_pushed_all`, for vehicles that fly."""
+    row = cuda.grid(1)
+    if row >= len(ended) or limits.is_boat != 0:
+        return
+    draws = cuda.local.array(DRAWS, float64)
+    advance_pushed_one(row, actions, courses, limits, forces, reset, state, force_state, outcome, ended, draws)
+
+
+def advance_pushed_boats(actions, courses, limits, forces, reset, state, force_state, outcome, ended):
+    """As `pushed_step.advance_pushed_all`, for boats."""
+    row = cuda.grid(1)
+    if row >= len(ended) or limits.is_boat == 0:
+        return
+    draws = cuda.local.array(DRAWS, float64)
+    advance_pushed_one(row, actions, courses, limits, forces, reset, state, force_state, outcome, ended, draws)
+
+
+def write_winds(forces, force_state, out):
+    """As `thalweg.env.forces.of_many.write_winds`."""
+    row = cuda.grid(1)
+    if row < len(out):
+        out[row, 0], out[row, 1], out[row, 2] = wind_now(row, forces, force_state)
 
 
 def see(courses, max_height, world, pose, segment, travel, out):

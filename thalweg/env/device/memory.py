@@ -6,6 +6,7 @@ import numpy as np
 
 from thalweg.core.compute import gpu
 from thalweg.env.config import ConfigError, EnvConfig
+from thalweg.env.forces.arrays import empty_forces
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.rules import empty_outcome, empty_state
 from thalweg.render.records.props import PROP_COLUMNS
@@ -23,7 +24,8 @@ LAYER_BYTES = 4 + 1
 
 def bytes_per_env(courses: CourseArrays, config: EnvConfig, frames: int) -> int:
     """Return the bytes of one environment with a number of frames."""
-    arrays = (*empty_state(np.zeros(1, np.int64), courses), *empty_outcome(1, len(config.cost_kinds)))
+    outcome = empty_outcome(1, len(config.cost_kinds))
+    arrays = (*empty_state(np.zeros(1, np.int64), courses), *outcome, *empty_forces(1))
     felt = FELT_BYTES if "proprioception" in config.parts else 0
     props = 4 * PROP_COLUMNS * config.task_record.props
     pixel = config.channels + (LAYER_BYTES if config.draws_layers else 0)

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from thalweg.env.config import EnvConfig
 from thalweg.env.device.launcher import Launcher
+from thalweg.env.forces.of_many import PREFIX
 from thalweg.env.frame_renderer import lights_per_world, relit_worlds
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.ideal_eye import see_all
@@ -19,6 +20,7 @@ from thalweg.env.task.proprioception import PROPRIOCEPTION, feel_all
 from thalweg.env.vehicle.boat_eye import see_boats
 from thalweg.render.records import pinhole
 from thalweg.render.records.appearance import HALF_H, HALF_W, PITCH, look_rows, look_values
+from thalweg.render.records.breeze import ruffle
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.render.records.props import PROP_COLUMNS
 from thalweg.world.record import World
@@ -138,7 +140,11 @@ class TensorObserver:
         frames, layers = self._frames[self._buffer], self._layers[self._buffer] if self.config.draws_layers else ()
         tensors, look = self._tensors, self._tensors["look"]
         lit_world = tensors["world"] * self._lights + self._look_lights[look]
-        views = lit_world, tensors["pose"], tensors["time_s"], self._look_rows[look]
+        looks = self._look_rows[look]
+        if self.config.wind is not None:
+            speed, towards, _ = tensors[PREFIX + "mean_wind"].T
+            ruffle(looks, speed * towards.cos(), speed * towards.sin())
+        views = lit_world, tensors["pose"], tensors["time_s"], looks
         options = ({"layers": layers} if layers else {}) | self._props_to_draw()
         self.renderer.render_tensors(views, frames, **options)
         parts = {"frames": frames, "rgb": frames[..., :3], "mask": frames[..., -1:]}

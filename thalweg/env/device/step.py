@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from thalweg.core.compute.counter_random import scene_of, uniform
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
 from thalweg.env.initial_poses import CLOCK_RANGE_S, DRAWS, MAX_TRIES, project_anywhere, travel_direction, try_start
-from thalweg.env.task.counter_random import scene_of, uniform
 from thalweg.env.task.rules import begin_task, clear_outcome, step_one
 
 LOOK_COUNTER = DRAWS
@@ -83,19 +83,31 @@ def reset_one(row, courses, limits, reset, state, draws):
 
 
 @kernel(fastmath=False, allocates=False)
+def restart_one(row, courses, limits, reset, state, outcome, ended, draws):
+    """Start an episode in environment `row`, whose last one has ended, without reward or cost."""
+    reset_one(row, courses, limits, reset, state, draws)
+    clear_outcome(outcome, row)
+    ended[row] = 0
+
+
+@kernel(fastmath=False, allocates=False)
+def end_step(row, reset, state, outcome, ended):
+    """Advance the clock of environment `row` by a step, and note whether its episode has ended."""
+    state.time_s[row] += reset.step_s
+    ended[row] = 1 if outcome.reason[row] >= 0 else 0
+
+
+@kernel(fastmath=False, allocates=False)
 def advance_one(row, actions, courses, limits, reset, state, outcome, ended, draws):
     """Step environment `row`, or reset it if its last episode has ended; ended [N] uint8.
 
     actions [N, 4] float64 are unit actions; draws [DRAWS] float64 is scratch memory.
     """
     if ended[row] != 0:
-        reset_one(row, courses, limits, reset, state, draws)
-        clear_outcome(outcome, row)
-        ended[row] = 0
+        restart_one(row, courses, limits, reset, state, outcome, ended, draws)
         return
     step_one(row, actions, courses, limits, state, outcome)
-    state.time_s[row] += reset.step_s
-    ended[row] = 1 if outcome.reason[row] >= 0 else 0
+    end_step(row, reset, state, outcome, ended)
 
 
 @kernel(fastmath=False)

@@ -20,6 +20,7 @@ from thalweg.env.task.priced.packing import buoys_of, haunts_of, reserves_of, sw
 from thalweg.env.tasks import Task
 from thalweg.env.vehicle.lanes import lanes_through
 from thalweg.env.vehicle.soundings import no_soundings, take_soundings
+from thalweg.world.discharge import relative_speed
 from thalweg.world.record import River, World
 
 LEVEL_MAX_STEPS = 500
@@ -70,6 +71,8 @@ class CourseArrays(NamedTuple):
     """[I] float64, metres along the course of the point that is nearest to the centre of each island."""
     bridge_arc: np.ndarray
     """[B] float64, the same of the middle of each bridge."""
+    flow: np.ndarray
+    """[S] float64, speed of the water in mid-channel over its mean along the course, positive towards growing arc."""
     swimmers: np.ndarray
     """[W] int64, number of swimmers and kayaks; 0 in tasks without them."""
     first_haunt: np.ndarray
@@ -136,6 +139,7 @@ def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
         plane=_concatenate([planes for planes, _ in hulls], 4),
         island_arc=_concatenate(island_arcs),
         bridge_arc=_concatenate([nearest_arcs(world.river, np.asarray(world.bridges)[:, :2]) for world in worlds]),
+        flow=_concatenate([relative_speed(river) for river in rivers]),
         swimmers=np.array([swimmers_of(*pair, task) for pair in zip(worlds, haunts, strict=True)], dtype=np.int64),
         first_haunt=_offsets([len(rows) for rows in haunts]),
         haunt=_concatenate(haunts),

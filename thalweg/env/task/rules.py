@@ -100,6 +100,12 @@ def pose_of(poses, row):
 
 
 @kernel(fastmath=False, allocates=False)
+def action_of(actions, row):
+    """Return row `row` of unit actions [N, 4] as a `UnitAction`."""
+    return UnitAction(actions[row, 0], actions[row, 1], actions[row, 2], actions[row, 3])
+
+
+@kernel(fastmath=False, allocates=False)
 def clear_outcome(outcome, row):
     """Set the outcome of environment `row` to that of a step in which nothing happened."""
     outcome.reward[row] = 0.0
@@ -132,10 +138,17 @@ def afloat(courses, world, limits, projection, pose):
 @kernel(fastmath=False, allocates=False)
 def step_one(row, actions, courses, limits, state, outcome):
     """Step environment `row` by its row of unit actions [N, 4]: change its rows of `state` and `outcome`."""
+    action = action_of(actions, row)
+    after = move(pose_of(state.pose, row), action, limits)
+    arrive_one(row, action, after, courses, limits, state, outcome)
+
+
+@kernel(fastmath=False, allocates=False)
+def arrive_one(row, action, after, courses, limits, state, outcome):
+    """Step environment `row` by a straight move, of a `UnitAction`, to the `Pose` after: change its rows of `state` and
+    `outcome`."""
     world = state.world[row]
     before = pose_of(state.pose, row)
-    action = UnitAction(actions[row, 0], actions[row, 1], actions[row, 2], actions[row, 3])
-    after = move(before, action, limits)
     segment_before = state.segment[row]
     offset, projection = track_projection(courses, world, segment_before, after.x, after.y)
     over_land = False

@@ -18,9 +18,9 @@ from thalweg.render.records.camera import Camera
 # Columns of a row that the kernels read.
 (
     HAZE_PER_M, GAIN_R, GAIN_G, GAIN_B, ABSORB_R, ABSORB_G, ABSORB_B, SCATTER_R, SCATTER_G, SCATTER_B, RIPPLE, SEASON,
-    DENSITY, PITCH, HALF_W, HALF_H, NOISE, CLOUDS,
-) = range(18)  # fmt: skip
-LOOK_COLUMNS = 18
+    DENSITY, PITCH, HALF_W, HALF_H, NOISE, CLOUDS, DRIFT_A_X, DRIFT_A_Y, DRIFT_B_X, DRIFT_B_Y,
+) = range(22)  # fmt: skip
+LOOK_COLUMNS = 22
 
 HAZE_1_PER_M = 1 / 1500.0
 """Share of the light that a metre of air takes away on the default day."""
@@ -30,6 +30,10 @@ SCATTER = (0.0170, 0.0153, 0.0128)
 """Radiance that deep water sends up in full sun."""
 RIPPLE_1 = 0.42
 """Factor on the slopes of each ripple layer, whose mean square in the tile is fixed."""
+DRIFT_A_M_PER_S = (0.35, 0.12)
+DRIFT_B_M_PER_S = (-0.14, 0.23)
+"""Velocities with which the tiles of the two layers of ripples are read, in the axes of each layer; the ripples move
+the other way."""
 GREEN_ABSORB, BROWN_ABSORB = (1.35, 0.62, 0.72), (0.70, 1.15, 1.90)
 """Factors on ABSORB of a river as clear as glacier melt, and of one as brown as a bog's; between is geometric."""
 GREEN_SCATTER, BROWN_SCATTER = (0.45, 1.55, 1.60), (2.60, 1.65, 0.55)
@@ -143,6 +147,7 @@ def look_rows(values: np.ndarray, camera: Camera) -> np.ndarray:
     rows[:, HALF_W] = np.tan(np.radians(fov) / 2) * camera.width_px / camera.height_px
     rows[:, NOISE] = value["noise"]
     rows[:, CLOUDS] = value["clouds"]
+    rows[:, DRIFT_A_X : DRIFT_B_Y + 1] = *DRIFT_A_M_PER_S, *DRIFT_B_M_PER_S
     return rows
 
 

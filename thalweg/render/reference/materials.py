@@ -142,8 +142,7 @@ class Materials:
     def ripple(self, x: np.ndarray, y: np.ndarray, time_s: float) -> np.ndarray:
         """Return the slopes [K, 2] of the water at map metres."""
         a_scale, b_scale = ripples.SIZE / water.TILE_A_M, ripples.SIZE / water.TILE_B_M
-        a_x, a_y = water.DRIFT_A_M_PER_S
-        b_x, b_y = water.DRIFT_B_M_PER_S
+        a_x, a_y, b_x, b_y = self.look[appearance.DRIFT_A_X : appearance.DRIFT_B_Y + 1]
         a = repeating(self.tile, (x + a_x * time_s) * a_scale, (y + a_y * time_s) * a_scale)
         turned_x, turned_y = 0.6 * x + 0.8 * y, 0.6 * y - 0.8 * x
         b = repeating(self.tile, (turned_x + b_x * time_s) * b_scale, (turned_y + b_y * time_s) * b_scale)

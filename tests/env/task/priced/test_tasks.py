@@ -175,6 +175,10 @@ def test_episodes_follow_from_the_seed_alone(task: str):
         ({"task": "Nests", "reward_scheme": "package"}, "reward_scheme must be paper in the task Nests"),
         ({"task": "Swimmers", "allow_backward": True}, "allow_backward must be False in the task Swimmers"),
         ({"task": "Swimmers", "forward_step_m": 2.0}, "forward_step_m must be below the fast step"),
+        (
+            {"task": "RacingLine", "dynamics": "inertial", "action": "continuous"},
+            "dynamics must be kinematic in the task RacingLine",
+        ),
     ],
 )
 def test_options_that_contradict_the_task_are_refused(wrong: dict, message: str):

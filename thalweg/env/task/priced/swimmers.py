@@ -7,8 +7,8 @@ a random generator is needed. Both motions are sines of periods and phases of th
 import math
 from typing import NamedTuple
 
+from thalweg.core.compute.counter_random import uniform
 from thalweg.core.compute.jit import kernel
-from thalweg.env.task.counter_random import uniform
 from thalweg.env.task.motion import metres_forward, wrap_angle
 from thalweg.env.task.priced.packing import REACH_M
 from thalweg.env.task.progress import course_direction, interpolate, projection_at

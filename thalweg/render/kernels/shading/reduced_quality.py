@@ -15,7 +15,7 @@ from thalweg.render.bake import ripples, sky
 from thalweg.render.kernels.fast_math import floor, log2
 from thalweg.render.kernels.shading.clouds import MIRROR_SOFTNESS, SOFTNESS, add_nearest_clouds, cloud_layer
 from thalweg.render.kernels.shading.ground import GRAIN_DEPTH, GRAIN_M
-from thalweg.render.kernels.shading.water import DRIFT_A_M_PER_S, TILE_A_M
+from thalweg.render.kernels.shading.water import TILE_A_M
 from thalweg.render.kernels.shading.water_optics import (
     GLITTER_TINT,
     ROUGHNESS,
@@ -32,6 +32,8 @@ from thalweg.render.records.appearance import (
     ABSORB_B,
     ABSORB_G,
     ABSORB_R,
+    DRIFT_A_X,
+    DRIFT_A_Y,
     RIPPLE,
     SCATTER_B,
     SCATTER_G,
@@ -146,6 +148,8 @@ def shade_water(scene, view, points, pixel, out, n):
     sky_begin = int32(scene.extents[view.world, layout.SKY_AT])
     sun = number[view.world, layout.SUN_X], number[view.world, layout.SUN_Y], number[view.world, layout.SUN_Z]
     sun_path = refracted_slant(sun[2])
+    drift_x = look[DRIFT_A_X] * time
+    drift_y = look[DRIFT_A_Y] * time
     amplitude = look[RIPPLE] * f32(RIPPLE_GAIN)
     slope_scale = amplitude * f32(ripples.SLOPE_RANGE / 127.5)
     lost_scale = amplitude * amplitude * f32(ripples.VARIANCE_RANGE / 255.0)
@@ -155,8 +159,8 @@ def shade_water(scene, view, points, pixel, out, n):
         foot = footprint(distance[i], pixel, dz[i])
         texel = nearest_tile(
             scene.ripples,
-            (x[i] * cell + f32(DRIFT_A_M_PER_S[0]) * time) * f32(ripples.SIZE / TILE_A_M),
-            (y[i] * cell + f32(DRIFT_A_M_PER_S[1]) * time) * f32(ripples.SIZE / TILE_A_M),
+            (x[i] * cell + drift_x) * f32(ripples.SIZE / TILE_A_M),
+            (y[i] * cell + drift_y) * f32(ripples.SIZE / TILE_A_M),
             log2(foot * f32(ripples.SIZE / TILE_A_M)),
         )
         lean_x = (channel(texel, 0) - f32(127.5)) * slope_scale

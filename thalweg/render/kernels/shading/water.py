@@ -38,6 +38,10 @@ from thalweg.render.records.appearance import (
     ABSORB_B,
     ABSORB_G,
     ABSORB_R,
+    DRIFT_A_X,
+    DRIFT_A_Y,
+    DRIFT_B_X,
+    DRIFT_B_Y,
     RIPPLE,
     SCATTER_B,
     SCATTER_G,
@@ -49,9 +53,6 @@ f32 = np.float32
 TILE_A_M = 7.3
 TILE_B_M = 2.9
 """Sides of the tiles of the two layers of ripples."""
-DRIFT_A_M_PER_S = (0.35, 0.12)
-DRIFT_B_M_PER_S = (-0.14, 0.23)
-"""Velocities with which the layers drift."""
 BED_M = 4.6
 """Side of the tile of stones on the bed."""
 BED_DEPTH = 0.16
@@ -131,6 +132,10 @@ def ripple_surface(scene, view, points, pixel, surface, n):
     cell = f32(1) / scene.constants[view.world, layout.INV_CELL]
     tile = scene.ripples
     amplitude = view.look[RIPPLE]
+    drift_ax = view.look[DRIFT_A_X] * time
+    drift_ay = view.look[DRIFT_A_Y] * time
+    drift_bx = view.look[DRIFT_B_X] * time
+    drift_by = view.look[DRIFT_B_Y] * time
     for i in range(n):
         # Ripples are filtered to the pixel, and what the filter removes is returned as roughness: no shimmer far away.
         foot = footprint(distance[i], pixel, dz[i])
@@ -138,15 +143,15 @@ def ripple_surface(scene, view, points, pixel, surface, n):
         my = y[i] * cell
         ax, ay, a_lost = ripple_layer(
             tile,
-            (mx + f32(DRIFT_A_M_PER_S[0]) * time) * f32(ripples.SIZE / TILE_A_M),
-            (my + f32(DRIFT_A_M_PER_S[1]) * time) * f32(ripples.SIZE / TILE_A_M),
+            (mx + drift_ax) * f32(ripples.SIZE / TILE_A_M),
+            (my + drift_ay) * f32(ripples.SIZE / TILE_A_M),
             log2(foot * f32(ripples.SIZE / TILE_A_M)),
         )
         # The second layer is turned by about 53 degrees, so that the tiles do not repeat together.
         bx, by, b_lost = ripple_layer(
             tile,
-            (f32(0.6) * mx + f32(0.8) * my + f32(DRIFT_B_M_PER_S[0]) * time) * f32(ripples.SIZE / TILE_B_M),
-            (f32(0.6) * my - f32(0.8) * mx + f32(DRIFT_B_M_PER_S[1]) * time) * f32(ripples.SIZE / TILE_B_M),
+            (f32(0.6) * mx + f32(0.8) * my + drift_bx) * f32(ripples.SIZE / TILE_B_M),
+            (f32(0.6) * my - f32(0.8) * mx + drift_by) * f32(ripples.SIZE / TILE_B_M),
             log2(foot * f32(ripples.SIZE / TILE_B_M)),
         )
         # The tile's slopes are turned back with the layer.

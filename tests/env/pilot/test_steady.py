@@ -190,5 +190,5 @@ def test_the_pilot_takes_the_move_of_the_greatest_worth():
 def test_an_unknown_pilot_is_an_error():
     env = RiverVectorEnv([ring()], 1, EnvConfig(observation="none"))
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="unknown pilot 'stedy'; known: scripted, steady"):
+    with pytest.raises(ValueError, match="unknown pilot 'stedy' of the uav; known: scripted, steady"):
         env.pilot_actions("stedy")

@@ -63,6 +63,8 @@ COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 """A code that sets a colour on a terminal."""
 RESUMABLE = (Train, Imitate, Bench, EncoderTrain, EncoderStudy)
 """Commands that resume when they are given again."""
+NAMES_IN_USAGE = re.compile(r"\{\w+(,\w+){4,}\}")
+"""Names of all commands in a usage, which are listed below it one by one."""
 CLOSED_PIPE = 128 + 13
 """Exit status where nobody reads the output any more: that which a shell gives to a process ended by SIGPIPE."""
 
@@ -175,6 +177,7 @@ class _WrappedLines:
         self._stream = stream
 
     def write(self, text: str) -> int:
+        text = NAMES_IN_USAGE.sub("COMMAND", text)
         self._stream.write("\n".join(map(_wrapped, text.split("\n"))))
         return len(text)
 

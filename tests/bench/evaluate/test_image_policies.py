@@ -35,8 +35,8 @@ class SmallRenderer(handmade.BlankRenderer):
         self.channels.append(out.shape[-1])
         super().render_tensors(views, out)
 
-    def render(self, *given: Any) -> np.ndarray:
-        frames = super().render(*given)
+    def render(self, *given: Any, **named: Any) -> np.ndarray:
+        frames = super().render(*given, **named)
         frames[..., 3] = frames[..., 0]
         return frames
 

@@ -8,6 +8,7 @@ the batch.
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -155,7 +156,7 @@ def _frames_of(
         size = len(rows), camera.height_px, camera.width_px, channels
         frames = torch.empty(size, dtype=torch.uint8, device=device)
         views = tuple(torch.from_numpy(np.ascontiguousarray(array)).to(device) for array in arrays)
-        props = {} if step.props is None else {"props": torch.from_numpy(step.props).to(device)}
+        props: dict[str, Any] = {} if step.props is None else {"props": torch.from_numpy(step.props).to(device)}
         renderer.render_tensors(views, frames, **props)
         return frames
 

@@ -91,12 +91,18 @@ def place_props(scene, view, props):
         np.empty(count, np.int32), order[:count], np.empty((count, 4), np.int32),
         np.empty(models.MOST_PARTS, np.int32),
     )  # fmt: skip
-    for k in range(count):
+    place_in_order(scene, view, props, placed)
+    return placed
+
+
+@kernel(inlined=True, allocates=False)
+def place_in_order(scene, view, props, placed):
+    """Fill the parts, counts and boxes of `PlacedProps` whose numbers are there."""
+    for k in range(len(placed.counts)):
         first = k * models.MOST_PARTS
         parts = placed.parts[first : first + models.MOST_PARTS]
-        placed.counts[k] = place_prop(scene, view, props[order[k]], parts)
+        placed.counts[k] = place_prop(scene, view, props[placed.numbers[k]], parts)
         join_boxes(parts, placed.counts[k], placed.boxes[k])
-    return placed
 
 
 @kernel(inlined=True, allocates=False)
@@ -120,14 +126,20 @@ def draw_props(scene, view, props, placed, top, drawn, depth, kind):
     placed: the `PlacedProps` of the view. drawn: see `Output`; without colours there are no marks, and for a mask only
     pixels that show water count.
     """
-    pixels = 0
-    if drawn == COLOURS:
-        for k in range(len(placed.counts)):
-            _, _, _, _, size = rows_of_box(placed.boxes[k], top, len(depth))
-            pixels += size
+    pixels = pixels_of(placed.boxes, top, len(depth)) if drawn == COLOURS else 0
     marks = np.empty((pixels, MARK_COLUMNS), np.float32)
     met = meet_props(scene, view, props, placed, top, drawn, depth, kind, marks)
     return marks[:met]
+
+
+@kernel(inlined=True, allocates=False)
+def pixels_of(boxes, top, rows):
+    """Return how many pixels boxes [K, 4] have together within so many rows from `top` on."""
+    pixels = 0
+    for k in range(len(boxes)):
+        _, _, _, _, size = rows_of_box(boxes[k], top, rows)
+        pixels += size
+    return pixels
 
 
 @kernel(inlined=True, allocates=False)

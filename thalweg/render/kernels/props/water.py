@@ -119,20 +119,28 @@ def wave_box(kind, cos, sin, px, py, pz, camera):
     return pixel_box(camera, 4 if behind > 0 else 0, 4, low_x, high_x, low_y, high_y)
 
 
+@kernel(inlined=True, allocates=False)
+def fill_zones(view, props, placed, top, rows, zones):
+    """Fill the zones [K, 8] of the first K placed props; return how many pixels they have within so many rows from
+    `top` on."""
+    pixels = 0
+    for k in range(len(zones)):
+        first = k * models.MOST_PARTS
+        parts = placed.parts[first : first + placed.counts[k]]
+        fill_zone(props[placed.numbers[k]], parts, view.camera, zones[k])
+        for half in range(2):
+            _, _, _, _, size = rows_of_box(zones[k, 4 * half : 4 * half + 4], top, rows)
+            pixels += size
+    return pixels
+
+
 @kernel
 def hold_water(view, props, placed, reduced, top, rows):
     """Take the pixels of water around props out of `Buffers` [R, W'], whose rows begin with row `top` of the image, by
     leaving them no light; returns them as `Stirred`. There are none in the reduced quality."""
     count = 0 if reduced else len(placed.counts)
     zones = np.empty((count, 8), np.int32)
-    pixels = 0
-    for k in range(count):
-        first = k * models.MOST_PARTS
-        parts = placed.parts[first : first + placed.counts[k]]
-        fill_zone(props[placed.numbers[k]], parts, view.camera, zones[k])
-        for half in range(2):
-            _, _, _, _, size = rows_of_box(zones[k, 4 * half : 4 * half + 4], top, len(rows.depth))
-            pixels += size
+    pixels = fill_zones(view, props, placed, top, len(rows.depth), zones)
     stirred = Stirred(zones, np.empty(count + 1, np.int32), np.empty(pixels, np.int32), np.empty(pixels, np.float32))
     gather_water(top, rows, stirred)
     return stirred

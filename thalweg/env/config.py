@@ -239,10 +239,6 @@ class EnvConfig:
             raise ValueError(
                 f"allow_backward must be False in the task {self.task}, in which that option is a fast step; got True"
             )
-        if fast and self.dynamics == "inertial":
-            raise ValueError(
-                f"dynamics must be kinematic in the task {self.task}, whose fast step is no velocity; got inertial"
-            )
         if fast and self.forward_step_m >= fast:
             raise ValueError(
                 f"forward_step_m must be below the fast step of the task {self.task}, {fast:g} m; got"
@@ -250,8 +246,7 @@ class EnvConfig:
             )
         if fast and self.dynamics == "inertial":
             raise ValueError(
-                f"dynamics must be kinematic in the task {self.task}, which has a fast step, that is no velocity; got"
-                " inertial"
+                f"dynamics must be kinematic in the task {self.task}, whose fast step is no velocity; got inertial"
             )
         return self
 

@@ -82,7 +82,9 @@ def start_views(rivers: RiverList, each: int, seed: int) -> KnownViews:
 def draw_views(env: RiverVectorEnv, views: KnownViews, generator: np.random.Generator) -> np.ndarray:
     """Return frames [K, H, W, C] of views, each under a look of its own; `env` draws the rivers of the same list."""
     looks, suns = drawn_looks(env, len(views.river), generator)
-    drawn = Views(views.pose, views.river, views.time_s, looks, suns, views.segment, views.travel)
+    steps, station = np.zeros_like(views.river), np.zeros(len(views.river))  # the paper's task keeps nothing
+    course = views.segment, views.travel, steps, steps, station
+    drawn = Views(views.pose, views.river, views.time_s, looks, suns, *course)
     return env.draw(views.river, drawn)
 
 

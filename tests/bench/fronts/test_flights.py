@@ -14,9 +14,10 @@ from thalweg.bench.fronts.fronts import read_fronts
 from thalweg.cli.main import main
 from thalweg.core import versions
 from thalweg.env import EnvConfig
+from thalweg.env.tasks import TaskName
 
 
-def config(task: str, episodes: int = 3) -> EvaluationConfig:
+def config(task: TaskName, episodes: int = 3) -> EvaluationConfig:
     return EvaluationConfig(episodes, env=EnvConfig(observation="none", task=task))
 
 

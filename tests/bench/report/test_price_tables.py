@@ -96,7 +96,7 @@ def test_the_paper_has_no_table_of_prices_and_priced_tasks_none_of_its_limit(pri
 def test_the_figure_shows_each_policy_at_its_mean_cost_and_return(priced: Results):
     figure = front_figure(priced)
     assert figure is not None
-    points = {line.get_label(): (line.get_xdata()[0], line.get_ydata()[0]) for line in figure.axes[0].lines}
+    points = {line.get_label(): tuple(np.asarray(line.get_xydata())[0]) for line in figure.axes[0].lines}
     assert points["FOCOPS-20"] == pytest.approx((10.0, 7.0)) and points["PPO"] == pytest.approx((15.0, 8.0))
     assert "oracle, which knows the map" in points
 
@@ -105,4 +105,4 @@ def test_costs_of_training_are_those_of_all_kinds(priced: Results):
     figure = training_costs(priced)
     assert figure is not None and [axis.get_title() for axis in figure.axes] == ["FOCOPS"]
     curve, limit = figure.axes[0].lines
-    assert curve.get_ydata()[-1] == pytest.approx(6.0) and limit.get_ydata()[0] == 5.0
+    assert np.asarray(curve.get_ydata())[-1] == pytest.approx(6.0) and np.asarray(limit.get_ydata())[0] == 5.0

@@ -14,7 +14,6 @@ from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.imitation.config import Teacher
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import ConfigError
-from thalweg.env.frame_renderer import Views
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.render import Renderer
 from thalweg.render.records.randomisation import Randomisation
@@ -258,7 +257,7 @@ def test_more_rivers_than_there_is_room_for_are_drawn_in_parts(easy_world: World
     env = RiverVectorEnv(RiverList(worlds, in_memory=4), 1, render_mode="rgb_array")
     _, info = env.reset(seed=0)
     pose = np.repeat(info["pose"], 7, axis=0)
-    views = Views(*(np.repeat(array, 7, axis=0) for array in env.frames.views(env.state)))
+    views = env.frames.views(env.state).rows(np.zeros(7, int))
     shown = np.array(env.render())
     found = env.draw(np.arange(7)[::-1].copy(), views)
     expected = Renderer(worlds).render(pose, np.arange(7)[::-1].copy(), views.time_s)

@@ -66,7 +66,7 @@ def test_a_policy_of_another_version_of_the_tasks_is_refused(tmp_path: Path, mon
 
 
 def test_limits_of_tight_and_loose_costs_do_not_fit_three_kinds(tmp_path: Path):
-    with pytest.raises(TrainingError, match="this task has 3 kinds of cost: give cost_limit"):
+    with pytest.raises(TrainingError, match="this task has also swimmers: set cost_limit, that of their sum"):
         train(tmp_path, cost_limits=[0.1, 0.1])
 
 

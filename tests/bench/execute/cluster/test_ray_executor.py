@@ -132,10 +132,12 @@ def test_failed_runs_are_rows_with_their_errors_and_the_others_continue(
     died = rf"the process that did it on ({HOST}|a node) ended \(WorkerCrashedError\)"
     errors = {row.run: row.error for row in outcome.runs}
     assert re.fullmatch(f"{died}; 2 times without progress", errors.pop("PPO-1"))
+    # The run's log is the file that could not be written.
+    named = errors.pop("FOCOPS-0")
+    assert re.fullmatch(rf"OSError: \[Errno 28\] No space left on device: '\S+FOCOPS-0.txt' \(on {HOST}\)", named)
     assert errors == {
         "hover-0": "",
         "PPO-0": "ArithmeticError: the loss is NaN in line two",
-        "FOCOPS-0": f"OSError: [Errno 28] No space left on device (on {HOST})",
         "FOCOPS-1": "",
     }
     assert re.search(f"^PPO-1: {died}; it is restarted$", said.getvalue(), re.MULTILINE)

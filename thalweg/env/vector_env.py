@@ -72,6 +72,7 @@ class RiverVectorEnv(VectorEnv):
         renderer: Any = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         render_mode: str | None = None,
+        device: str = "cpu",
     ) -> None:
         """Create the environments; raises `ConfigError` for arguments out of range or that contradict one another.
 
@@ -79,6 +80,9 @@ class RiverVectorEnv(VectorEnv):
         `thalweg.render.Renderer` when it is needed. If it has `.render_mask(poses, world_index)`, observations that are
         masks come from there. If it has `.worlds`, they must be those of this environment. A `config.camera` other than
         the default must be that of the renderer.
+
+        `device` is where a renderer that is created draws, see `thalweg.core.compute.device`; the rules are computed on
+        the CPU and frames are arrays of the host in any case.
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"unknown render_mode {render_mode!r}; known: {', '.join(self.metadata['render_modes'])}")
@@ -95,13 +99,13 @@ class RiverVectorEnv(VectorEnv):
         if isinstance(worlds, RiverList):
             self.river_names = worlds.names
             drawn = config.channels > 0 or render_mode is not None
-            self.frames = FrameRenderer((), self.num_envs, config, renderer, changing=drawn)
+            self.frames = FrameRenderer((), self.num_envs, config, renderer, changing=drawn, device=device)
             self.rivers: Rivers = DrawnRivers(
                 RiverPool(worlds, config, self.num_envs, self.frames.slots), self.num_envs
             )
         else:
             self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
-            self.frames = FrameRenderer(self.worlds, self.num_envs, config, renderer)
+            self.frames = FrameRenderer(self.worlds, self.num_envs, config, renderer, device=device)
             self.rivers = FixedRivers(self.worlds, self.num_envs, config)
         self.camera = self.frames.camera
         self.observer = Observer(config, self.frames, self.num_envs, keeps_colours=render_mode is not None)

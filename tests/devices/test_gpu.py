@@ -19,9 +19,14 @@ from thalweg.bench.evaluate.evaluation import Label, encoded_frames, evaluate
 from thalweg.core.compute import gpu as compute_gpu
 from thalweg.encoder import load_encoder
 from thalweg.env.config import ConfigError, EnvConfig
+from thalweg.env.initial_poses import sample_starts
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.render import Renderer
+from thalweg.render.slot_renderer import SlotRenderer
 from thalweg.train import LatentTensorEnv, load_policy, run
+from thalweg.train.encoder.geometry import GeometryTraining, geometry_config
+from thalweg.train.imitation.imitate import Imitation
+from thalweg.train.imitation.trainer import ImitationTrainer
 from thalweg.train.rollouts.tensor_collector import TensorCollector
 from thalweg.train.trainer import Trainer
 from thalweg.world import World
@@ -166,6 +171,87 @@ def test_a_policy_acts_the_same_on_gpu_and_cpu(easy_world: World, card: torch.de
     apart = float(np.mean(here - there))
     interval = 1.96 * float(np.std(here - there, ddof=1)) / len(here) ** 0.5
     assert abs(apart) <= max(interval, 1e-9), f"{here.mean():.2f} on the CPU, {there.mean():.2f} on the GPU"
+
+
+@pytest.mark.parametrize("quality", ["full", "fast"])
+def test_frames_of_replaced_worlds_are_those_of_worlds_that_stay(
+    quality: Any, easy_world: World, medium_world: World, card: torch.device
+):
+    worlds = [easy_world, medium_world]
+    fixed, slots = Renderer(worlds, quality=quality, device=str(card)), SlotRenderer(None, quality, device=str(card))
+    slots.reserve(2)
+    held = [0, 0]
+    for round_, (slot, world) in enumerate([(0, 0), (1, 1), (1, 0), (0, 1)]):
+        slots.put(slot, slots.bake(worlds[world]))
+        held[slot] = world
+        for count in (3, 40) * 3:  # launched, recorded and replayed
+            here = np.arange(count) % (1 + (round_ > 0))
+            there = np.array(held)[here]
+            poses = np.stack([sample_starts(worlds[index], 1, at)[0] for at, index in enumerate(there)])
+            drawn, expected = slots.render(poses, here), fixed.render(poses, there)
+            np.testing.assert_array_equal(drawn, expected)
+            np.testing.assert_array_equal(slots.render_mask(poses, here), expected[..., 3])
+
+
+IMITATION = {
+    "sequence": 8,
+    "filters": [4, 4, 4, 4],
+    "features": 8,
+    "memory_size": 8,
+    "hidden": [8],
+    "gate_rivers": 1,
+    "teacher_steps": 500,
+}
+
+
+def test_an_interrupted_imitation_ends_like_an_uninterrupted_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def imitation(name: str) -> Imitation:
+        return Imitation(
+            tmp_path / name,
+            1024,
+            levels=("Easy",),
+            world_seeds=(1, 2),
+            num_envs=8,
+            settings=IMITATION,
+            checkpoint_seconds=0.0,
+            device="cuda",
+        )
+
+    imitation("whole").run()
+    update, done = ImitationTrainer.update, []
+
+    def cut_off(trainer: ImitationTrainer) -> dict[str, float]:
+        done.append(update(trainer))
+        if len(done) == 9:
+            raise KeyboardInterrupt
+        return done[-1]
+
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(ImitationTrainer, "update", cut_off)
+        imitation("cut").run()
+    imitation("cut").run()
+    whole, cut = (load_policy(tmp_path / folder) for folder in ("whole", "cut"))
+    # Its last rounds are recorded in one run and not in the other, and a GPU adds up in any order.
+    for one, other in zip(whole.actor.parameters(), cut.actor.parameters(), strict=True):
+        assert torch.allclose(one, other, atol=1e-2)
+
+
+def test_an_encoder_of_geometry_learns_on_a_gpu(tmp_path: Path):
+    training = GeometryTraining(
+        tmp_path,
+        geometry_config(hidden=16, latent=8),
+        levels=("Easy",),
+        world_seeds=(1, 2),
+        held_out_seeds=(3,),
+        views=64,
+        images=512,
+        held_out=64,
+        epochs=3,
+        device="cuda",
+    )
+    result = training.run(progress=False)
+    losses = [float(row["loss"]) for row in csv.DictReader((tmp_path / "metrics.csv").open())]
+    assert losses[-1] < losses[0] and result.path.is_file()
 
 
 def test_more_cameras_than_fit_into_gpu_memory_are_refused(easy_world: World, card: torch.device):

@@ -37,8 +37,12 @@ class EncoderTrain:
     """Number of further images, for measurement only; 200 by default, for geometry 1024 of flights and of starts."""
     epochs: int | None = None
     """Epochs of training; 100 by default, for geometry 16."""
+    views: int | None = None
+    """For geometry only: stored views of each river, of flights; 96 by default."""
     rivers_in_memory: int | None = None
     """For geometry only: greatest number of rivers in memory; derived from the free memory by default."""
+    device: str | None = None
+    """For geometry only: where to draw frames and learn: cpu, cuda, cuda:1, or auto; cpu by default."""
     seed: int = 0
     """Seed of the poses and of the training."""
 
@@ -54,7 +58,7 @@ class EncoderTrain:
         from thalweg.encoder import VAEConfig
         from thalweg.train.encoder.training import collect_and_train
 
-        if others := self._given("held_out_seeds", "rivers_in_memory"):
+        if others := self._given("held_out_seeds", "views", "rivers_in_memory", "device"):
             option = f"--{next(iter(others)).replace('_', '-')}"
             raise UsageError(f"{option} is for --target geometry: leave it out, or choose that target")
         if len(self.level) > 1:
@@ -92,7 +96,7 @@ class EncoderTrain:
             command=shlex.join(["thalweg", *sys.argv[1:]]),
             **({"levels": self.level} if self.level else {}),
             **seeds,
-            **self._given("images", "held_out", "epochs", "rivers_in_memory"),
+            **self._given("images", "held_out", "epochs", "views", "rivers_in_memory", "device"),
         ).run()
         print(f"{result.path}, judged on rivers held out, under all looks, by R² of a linear regression on the code:")
         print("\n".join(result.lines))

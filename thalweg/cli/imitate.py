@@ -34,6 +34,8 @@ class Imitate:
     """Settings, such as learning_rate=5e-4; `--set help` lists them with their meanings."""
     threads: int | None = None
     """Threads for learning; by default as many as there are processors, within OMP_NUM_THREADS."""
+    device: str = "cpu"
+    """Where to draw frames and learn: cpu, cuda, cuda:1, or auto, which uses a GPU if one works."""
 
     def run(self) -> int:
         from thalweg.algos.imitation.config import ImitationConfig
@@ -57,6 +59,7 @@ class Imitate:
             rivers_in_memory=self.rivers_in_memory,
             settings={**settings, "observation": self.observation},
             threads=self.threads,
+            device=self.device,
         )
         result = imitation.run(progress=True)
         print_result(result, ["--levels", *self.levels, "--unseen"])

@@ -74,9 +74,17 @@ class FrameRenderer:
     """Renders the cameras of N environments, each with an appearance and a light of its own."""
 
     def __init__(
-        self, worlds: Sequence[World], num_envs: int, config: EnvConfig, renderer: Any = None, *, changing: bool = False
+        self,
+        worlds: Sequence[World],
+        num_envs: int,
+        config: EnvConfig,
+        renderer: Any = None,
+        *,
+        changing: bool = False,
+        device: str = "cpu",
     ) -> None:
-        """`changing`: worlds are put into the slots of `slots` one at a time instead of being given here.
+        """`changing`: worlds are put into the slots of `slots` one at a time instead of being given here. `device`:
+        where frames are drawn, unless a `renderer` is given.
 
         Raises `ConfigError` for a `renderer` that does not fit the worlds or the config, and `RenderError` for a
         randomisation that leads to impossible cameras.
@@ -85,7 +93,7 @@ class FrameRenderer:
         """Where worlds are put that change; None if they do not."""
         self.worlds, self.randomisation = worlds, config.randomisation
         if changing:
-            self.slots = renderer = _slot_renderer(config, renderer)
+            self.slots = renderer = _slot_renderer(config, renderer, device)
             if config.randomisation is not None:
                 # Each world has one sun, which is chosen when it is put into a slot.
                 self.randomisation = replace(config.randomisation, suns=0)
@@ -101,7 +109,7 @@ class FrameRenderer:
         self.camera = config.camera if renderer is None else renderer.camera
         if config.randomisation is not None:
             look_rows(config.randomisation.ends, self.camera)  # refuses angles outside the range of a camera
-        self._renderer = renderer
+        self._renderer, self._device = renderer, device
         self._quality: Quality = config.quality
         self.lights = lights_per_world(self.randomisation)
         """Lights of each world."""
@@ -166,15 +174,16 @@ class FrameRenderer:
         if self._renderer is None:
             from thalweg.render import Renderer
 
-            self._renderer = Renderer(relit_worlds(self.worlds, self.randomisation), self.camera, self._quality)
+            worlds = relit_worlds(self.worlds, self.randomisation)
+            self._renderer = Renderer(worlds, self.camera, self._quality, self._device)
         return self._renderer
 
 
-def _slot_renderer(config: EnvConfig, renderer: Any) -> SlotRenderer:
+def _slot_renderer(config: EnvConfig, renderer: Any, device: str) -> SlotRenderer:
     """Return a renderer of worlds that change; raises `ConfigError` for a given one."""
     if renderer is not None:
         raise ConfigError("rivers that change need a renderer of their own: leave `renderer` out")
-    return SlotRenderer(config.camera, config.quality, config.randomisation)
+    return SlotRenderer(config.camera, config.quality, config.randomisation, device)
 
 
 def _check_renderer(renderer: Any, worlds: Sequence[World], config: EnvConfig) -> None:

@@ -3,28 +3,42 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from thalweg.render.bake.scene_slots import SceneSlots, WorldTables
 from thalweg.render.errors import RenderError
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
+from thalweg.render.records.view import Output, Views
 from thalweg.render.renderer import Renderer
 from thalweg.world.record import World
 
 
 class SlotRenderer(Renderer):
-    """Draws the worlds that are in its slots, on the CPU; frames are those of a `Renderer` of these worlds."""
+    """Draws the worlds that are in its slots; frames are those of a `Renderer` of these worlds."""
 
     def __init__(
-        self, camera: Camera | None = None, quality: Quality = "full", randomisation: Randomisation | None = None
+        self,
+        camera: Camera | None = None,
+        quality: Quality = "full",
+        randomisation: Randomisation | None = None,
+        device: str = "cpu",
     ) -> None:
-        """Prepare everything but the worlds; raises `RenderError` for an unknown quality.
+        """Prepare everything but the worlds; raises `RenderError` for an unknown quality, and `DeviceError` for a
+        device that can't be used.
 
-        With a `randomisation` that varies suns, each world has one of its own, drawn by its seed.
+        With a `randomisation` that varies suns, each world has one of its own, drawn by its seed. On a GPU, tables are
+        held by the host as well, and copied when the next frames are drawn.
         """
-        self._set_up(camera, quality, "cpu")
+        self._set_up(camera, quality, device)
         self._suns = randomisation if randomisation is not None and randomisation.suns else None
         self._slots = SceneSlots()
+        self._on_device: Any = None
+        if self.device != "cpu":
+            from thalweg.render.gpu.slot_drawing import SlotDrawing
+
+            self._on_device = SlotDrawing(self._slots, self._settings, self.device)
         self.count = 0
         """Number of slots that have a world; they are filled in order."""
 
@@ -47,3 +61,12 @@ class SlotRenderer(Renderer):
             raise RenderError(str(error)) from error
         scene: Any = self._slots.scene
         self.scene, self.count = scene, max(self.count, slot + 1)
+        if self._on_device is not None:
+            self._on_device.put(slot)
+
+    def _draw(self, views: Views, wanted: Output, props: np.ndarray) -> None:
+        """As the renderer of worlds that stay does."""
+        if self._on_device is None:
+            super()._draw(views, wanted, props)
+        else:
+            self._on_device.draw(views, wanted, props)

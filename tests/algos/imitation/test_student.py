@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from thalweg.algos.common.errors import AlgorithmError, NotFiniteError
+from thalweg.algos.common.state import CPU
 from thalweg.algos.imitation import student as students
 from thalweg.algos.imitation.config import ImitationConfig
 from thalweg.algos.imitation.student import LOSSES, Lesson, Student
@@ -32,9 +33,9 @@ def small(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(ImitationConfig, "shape", property(shape))
 
 
-def student(**settings) -> Student:
+def student(device: torch.device = CPU, **settings) -> Student:
     config = parse_config(ImitationConfig, {"memory_size": 6, "hidden": (16,), "learning_rate": 0.01, **settings})
-    return Student(config, ACTIONS, MOVES, (2, 4), seed=0, context={"observation": "mask"})
+    return Student(config, ACTIONS, MOVES, (2, 4), seed=0, context={"observation": "mask"}, device=device)
 
 
 def lesson(seed: int = 0, *, delayed: bool = False) -> Lesson:

@@ -46,10 +46,11 @@ def test_the_error_for_too_many_worlds_states_how_many_fit():
 
 def test_scratch_counts_pixels_plants_and_in_full_quality_the_softened_light():
     scene = build_scene([plane()])
-    fast, full = (gpu_renderer.bytes_each(scene, 10, 20, fast) for fast in (True, False))
+    plants = gpu_renderer.most_plants(scene)
+    fast, full = (gpu_renderer.bytes_each(plants, 10, 20, fast) for fast in (True, False))
     assert full - fast == 10 * 20 * 12
     assert gpu_renderer.bytes_of(scene) > scene.top.nbytes + scene.atlas.nbytes
-    wide = gpu_renderer.bytes_each(scene, 10, 40, True)
+    wide = gpu_renderer.bytes_each(plants, 10, 40, True)
     # Twenty columns more take their planes, and the nearness of the vertical planes that serve them.
     assert wide - fast == 10 * 20 * 25 + 10 * (most_planes(40) - most_planes(20)) * 4
     assert most_planes(20) == 48 + 17

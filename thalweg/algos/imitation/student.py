@@ -4,7 +4,8 @@ From the features of its policy it predicts the privileged state and a bird's-ey
 of a sequence, C sequences, B = L C states, M moves, P numbers of the privileged state, G cells of the map.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,16 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from thalweg.algos.common.adam import Adam
+from thalweg.algos.common.cuda_graphs import CudaGraphs
 from thalweg.algos.common.errors import require_finite
-from thalweg.algos.common.state import CPU, load_module, module_state, new_generator
+from thalweg.algos.common.state import (
+    CPU,
+    generator_state,
+    load_generator,
+    load_module,
+    module_state,
+    new_generator,
+)
 from thalweg.algos.imitation.config import ImitationConfig
 from thalweg.algos.imitation.targets import cross_entropy, expected_regret, move_log_probs, regrets, soft_targets
 from thalweg.algos.policy.actions import Actions
@@ -51,7 +60,11 @@ class Lesson:
 
 
 class Student:
-    """A policy with eyes, its predictions, and their optimiser."""
+    """A policy with eyes, its predictions, and their optimiser, on one device.
+
+    On a GPU, gradient steps are recorded as CUDA graphs: a memory of 32 steps takes a thousand launches, which would
+    take the host longer than the GPU.
+    """
 
     def __init__(
         self,
@@ -61,6 +74,7 @@ class Student:
         sizes: tuple[int, int],
         seed: int,
         context: Any,
+        device: torch.device = CPU,
     ) -> None:
         """Initialise the networks.
 
@@ -71,9 +85,10 @@ class Student:
             sizes: P and G.
             seed: Seed of weights, samples and the order of sequences.
             context: Plain data that the policy's file keeps.
+            device: Where the networks are.
         """
-        self.config = config
-        self.generator = new_generator(CPU, seed)
+        self.config, self.device = config, device
+        self.generator = new_generator(device, seed)
         shape = config.shape
         assert shape.eyes is not None
         self.policy = Policy(
@@ -84,17 +99,24 @@ class Student:
             generator=self.generator,
             about=About(ALGORITHM, to_plain(config), context),
         )
-        self.moves = torch.from_numpy(np.ascontiguousarray(moves, np.int64))
+        self.moves = torch.from_numpy(np.ascontiguousarray(moves, np.int64)).to(device)
         inputs = self.policy.actor.stack.sizes[0]
         self.privileged, self.map = (_linear(inputs, size, self.generator) for size in sizes)
-        self.scale = Normaliser(sizes[0])
+        self.scale = Normaliser(sizes[0], device=device)
         """Statistics of the privileged state; it is predicted in deviations."""
         parameters = [*self.policy.actor.parameters(), *self.privileged.parameters(), *self.map.parameters()]
         self.optimiser = Adam(parameters, config.learning_rate)
+        weights = [1.0, config.regret_weight, *2 * [config.auxiliary_weight]]
+        self._weights = torch.tensor(weights, device=device)
+        self._graphs = CudaGraphs(device.type == "cuda", [])
+        self._held: dict[tuple[int, ...], Lesson] = {}
+        """Memory on a GPU for lessons, by their numbers of steps and sequences; recorded steps read it."""
+        self._found = torch.zeros(len(LOSSES), device=device)
+        """Losses of the last gradient step."""
 
     def update_scale(self, privileged: Tensor) -> None:
         """Add privileged states [B, P] to the statistics by which their predictions are scaled."""
-        self.scale.update(privileged)
+        self.scale.update(privileged.to(self.device))
 
     def decay(self, progress: float) -> None:
         """Set the learning rate for this share of the run, 0..1."""
@@ -105,32 +127,51 @@ class Student:
 
         Raises `NotFiniteError` for losses that are not finite.
         """
-        order = torch.randperm(lesson.rows.shape[1], generator=self.generator)
-        found = [self._step(lesson, columns) for columns in order.split(self.config.sequences_per_batch)]
+        lesson = self._ready(lesson)
+        order = torch.randperm(lesson.rows.shape[1], generator=self.generator, device=self.device)
+        found = []
+        for columns in order.split(self.config.sequences_per_batch):
+            self._graphs.run(partial(self._step, lesson), columns, tuple(lesson.fresh.shape), None)
+            found.append(self._found.clone())
         means: dict[str, float] = dict(zip(LOSSES, torch.stack(found).mean(0).tolist(), strict=True))
         require_finite(**means)
         return means
 
-    def _step(self, lesson: Lesson, columns: Tensor) -> Tensor:
-        """Take one gradient step on the sequences `columns`; returns the losses [4]."""
+    def _ready(self, lesson: Lesson) -> Lesson:
+        """Return a lesson on the device, in memory that stays in place, with the privileged state in deviations."""
+        lesson = replace(lesson, privileged=self.scale(lesson.privileged.to(self.device)))
+        if self.device.type == "cpu":
+            return lesson
+        parts = {field.name: getattr(lesson, field.name) for field in fields(lesson)}
+        key = tuple(lesson.fresh.shape)
+        if key not in self._held:
+            self._held[key] = Lesson(
+                **{name: torch.empty_like(part, device=self.device) for name, part in parts.items()}
+            )
+        for name, part in parts.items():
+            getattr(self._held[key], name).copy_(part)
+        return self._held[key]
+
+    def _step(self, lesson: Lesson, columns: Tensor) -> None:
+        """Take one gradient step on the sequences `columns`; their losses are in `_found`."""
         losses = self.losses(lesson, columns)
-        weights = torch.tensor([1.0, self.config.regret_weight, *2 * [self.config.auxiliary_weight]])
         self.optimiser.zero_grad()
-        (weights * losses).sum().backward()
+        (self._weights * losses).sum().backward()
         for parameter in self.optimiser.parameters:
             if parameter.grad is None:
                 parameter.grad = torch.zeros_like(parameter)
         self.optimiser.step(self.config.max_grad_norm)
-        return losses.detach()
+        self._found.copy_(losses.detach())
 
     def losses(self, lesson: Lesson, columns: Tensor) -> Tensor:
-        """Return the losses [4] of the sequences `columns`, see `LOSSES`."""
+        """Return the losses [4] of the sequences `columns`, see `LOSSES`; the lesson's privileged state is in
+        deviations."""
         features = self._features(lesson, columns)
         logits = self.policy.actor.parameters_of(features)
         branches = [functional.log_softmax(part, -1) for part in logits.split(self.policy.actions.sizes, -1)]
         log_probs = move_log_probs(branches, self.moves)
         regret = regrets(lesson.worths[:, columns].flatten(0, 1), self.config.worst_regret)
-        seen = self.scale(lesson.privileged[:, columns].flatten(0, 1))
+        seen = lesson.privileged[:, columns].flatten(0, 1)
         maps = lesson.maps[:, columns].flatten(0, 1).float()
         return torch.stack(
             [
@@ -146,7 +187,7 @@ class Student:
         rows, actor = lesson.rows[:, columns], self.policy.actor
         if actor.gru is None:
             return actor.features(rows.flatten(0, 1))
-        every = torch.arange(rows.shape[0] * rows.shape[1])
+        every = torch.arange(rows.shape[0] * rows.shape[1], device=self.device)
         return actor.features(Sequences(rows, lesson.fresh[:, columns], {"actor": lesson.starts[columns]}, every))
 
     def state(self) -> dict[str, Any]:
@@ -157,7 +198,7 @@ class Student:
             "map": module_state(self.map),
             "scale": self.scale.state(),
             "optimiser": self.optimiser.state(),
-            "generator": self.generator.get_state().numpy().copy(),
+            "generator": generator_state(self.generator),
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -167,12 +208,12 @@ class Student:
         load_module(self.map, state["map"])
         self.scale.load_state(state["scale"])
         self.optimiser.load_state(state["optimiser"])
-        self.generator.set_state(torch.from_numpy(np.array(state["generator"], np.uint8)))
+        load_generator(self.generator, state["generator"])
 
 
 def _linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
     """Return a linear layer with small random weights from a generator."""
-    layer = nn.Linear(inputs, outputs)
+    layer = nn.Linear(inputs, outputs, device=generator.device)
     with torch.no_grad():
         layer.weight.normal_(0.0, 0.01, generator=generator)
         layer.bias.zero_()

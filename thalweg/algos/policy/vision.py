@@ -87,10 +87,18 @@ class Convolutions(nn.Module):
 
 
 def rows_of(images: np.ndarray, last_options: np.ndarray) -> np.ndarray:
-    """Return rows uint8 [N, pixels + A] of images uint8 [N, H, W, C] and the options [N, A] that were taken before,
-    -1 where there is none."""
-    flat = np.ascontiguousarray(images).reshape(len(images), math.prod(images.shape[1:]))
-    return np.concatenate([flat, (last_options + 1).astype(np.uint8)], axis=1)
+    """Return rows uint8 [..., pixels + A] of images uint8 [..., H, W, C] and the options [..., A] that were taken
+    before, -1 where there is none."""
+    rows = np.empty((*last_options.shape[:-1], math.prod(images.shape[-3:]) + last_options.shape[-1]), np.uint8)
+    write_rows(rows, images, last_options)
+    return rows
+
+
+def write_rows(rows: np.ndarray, images: np.ndarray, last_options: np.ndarray) -> None:
+    """Write what `rows_of` returns into an array of its shape."""
+    pixels = math.prod(images.shape[-3:])
+    rows[..., :pixels] = images.reshape(*images.shape[:-3], pixels)
+    rows[..., pixels:] = last_options + 1
 
 
 class ImageRows:

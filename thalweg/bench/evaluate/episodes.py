@@ -11,8 +11,10 @@ from thalweg.env import DoneReason
 
 ALL_REASONS = tuple(reason.label for reason in DoneReason if reason >= 0)
 """Reasons for the end of an episode, in the order of the codes of `thalweg.env.DoneReason`."""
-REASONS = tuple(reason for reason in ALL_REASONS if reason != DoneReason.COST_INCURRED.label)
-"""Those of the paper, which the tables and figures of reports count."""
+FIRST_COST = DoneReason.COST_INCURRED.label
+"""Reason of episodes that the first cost of a task ended, see `EnvConfig.hard`."""
+REASONS = tuple(reason for reason in ALL_REASONS if reason != FIRST_COST)
+"""Those of the paper, which the tables and figures of reports count; `FIRST_COST` too in results of the hard mode."""
 REASON_TEXT = dict(
     zip(
         ALL_REASONS,

@@ -21,7 +21,7 @@ from typing import Any
 from thalweg.algos.registry import version_of
 from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
 from thalweg.bench.evaluate.conditions import Trial
-from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.evaluate.episodes import ALL_REASONS, FIRST_COST, REASONS, Episode
 from thalweg.bench.results.run_versions import Sources, Versions, some_critics_are_asymmetric
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.config import PACKAGED
@@ -135,6 +135,16 @@ class Results:
     def levels(self) -> list[str]:
         """Levels in the order of the suite, then of appearance."""
         return list(dict.fromkeys([*self.suite.get("test_levels", []), *(row.level for row in self.episodes)]))
+
+    @property
+    def hard(self) -> bool:
+        """Whether the first cost of the task ended episodes, or would have (`EnvConfig.hard`)."""
+        return bool(self.suite.get("hard")) or any(row.reason == FIRST_COST for row in self.episodes)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons for the ends of episodes that tables and figures count: `FIRST_COST` in the hard mode only."""
+        return ALL_REASONS if self.hard else REASONS
 
     @property
     def policies(self) -> list[str]:

@@ -66,6 +66,25 @@ def empty(shape: tuple[int, ...], dtype: Any, device: Any) -> Any:
     return as_kernel_array(torch.empty(length, dtype=torch.uint8, device=device), dtype).reshape(shape)
 
 
+def zeros(shape: tuple[int, ...], dtype: Any, device: Any) -> Any:
+    """Return a kernel array of zeros on a device."""
+    import torch
+
+    length = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    return as_kernel_array(torch.zeros(length, dtype=torch.uint8, device=device), dtype).reshape(shape)
+
+
+def overwrite(array: Any, begin: int, rows: np.ndarray, device: Any) -> None:
+    """Copy rows of the host into a kernel array, from its row `begin` on."""
+    import torch
+
+    if not rows.size:
+        return
+    part = array[begin : begin + len(rows)].reshape(-1)
+    target = torch.as_tensor(part.view(np.uint8) if part.dtype.itemsize > 1 else part, device=device)
+    target.copy_(torch.from_numpy(np.ascontiguousarray(rows).reshape(-1).view(np.uint8)))
+
+
 def to_host(array: Any, device: Any) -> np.ndarray:
     """Return a copy of a kernel array on the host, after all earlier launches have finished."""
     import torch

@@ -9,10 +9,12 @@ ahead on the route. The pilot is deterministic and keeps no state.
 
 import itertools
 import math
+from functools import partial
 
 import numpy as np
 
 from thalweg.core.compute.jit import kernel
+from thalweg.core.compute.threads import run_in_threads
 from thalweg.env.config import EnvConfig
 from thalweg.env.pilot.bank_view import sight_height
 from thalweg.env.pilot.ways import Ways, missing_clearance, plan_ways, pursued_point
@@ -63,7 +65,8 @@ class SteadyPilot:
         """Return the worths [N, M] float64 of all `MOVES`, in segments of progress less what is not steady; below
         FAILURE + HORIZON for moves after which a rule is broken."""
         found = np.empty((len(state.world), len(MOVES)))
-        _fill_worths(self.courses, self.limits, self.route, MOVES, state, found)
+        fill = partial(_fill_worths, self.courses, self.limits, self.route, MOVES, state, found)
+        run_in_threads(len(found), fill)
         return found
 
     def unit_actions(self, state: State) -> np.ndarray:
@@ -72,9 +75,9 @@ class SteadyPilot:
 
 
 @kernel(fastmath=False, allocates=False)
-def _fill_worths(courses, limits, ways, moves, state, worths):
-    """Fill worths [N, M]."""
-    for row in range(len(state.world)):
+def _fill_worths(courses, limits, ways, moves, state, worths, first, last):
+    """Fill the rows `first` to `last` of worths [N, M]."""
+    for row in range(first, last):
         for index in range(len(moves)):
             worths[row, index] = _worth(row, moves[index], courses, limits, ways, state)
 

@@ -114,6 +114,11 @@ class SceneSlots:
         if grown or added or self.scene is None:
             self.scene = Scene(extents=self._extents, constants=self._constants, **self._tables, **self._shared)
 
+    @property
+    def rows(self) -> dict[str, int]:
+        """Rows of a slot in each table of `COLUMNS`."""
+        return self._rows
+
     def _add_pictures(self, world: WorldTables) -> None:
         """Add the pictures of plants under a sun of another height to those that are there."""
         if not self._pictures:

@@ -14,7 +14,7 @@ import numpy as np
 from thalweg.core.compute import gpu
 from thalweg.core.compute.launch_graphs import LaunchGraphs
 from thalweg.render.errors import RenderError
-from thalweg.render.gpu import ground_profiles, pixel, placed_props, postprocess, visible_plants
+from thalweg.render.gpu import ground_profiles, pixel, placed_props, postprocess, tile, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.kernels.props import models
 from thalweg.render.kernels.props.pose import PART_COLUMNS
@@ -42,9 +42,8 @@ def bytes_of_props(count: int) -> int:
     return count * (models.MOST_PARTS * PART_COLUMNS + 2 + 12) * 4 + 4
 
 
-def bytes_each(scene: Scene, height: int, width: int, reduced: bool) -> int:
-    """Scratch that a camera of a pass takes on a device, without props."""
-    plants = most_plants(scene)
+def bytes_each(plants: int, height: int, width: int, reduced: bool) -> int:
+    """Scratch that a camera of a pass takes on a device, without props, in worlds of up to so many plants."""
     # Order and distance take four bytes each, a box four times two.
     buffers = height * width * (BUFFER_BYTES + (0 if reduced else 3 * 4)) + height * most_planes(width) * 4
     return buffers + plants * (4 + 4 + 4 * 2) + 4 * (visible_plants.CAMERA_COLUMNS + 4)
@@ -76,15 +75,27 @@ def cameras_of_a_pass(free: int, each: int) -> int:
 class GpuRenderer:
     """Draws the worlds of a scene on a device of torch's; each call uses the same scratch again."""
 
-    def __init__(self, scene: Scene, settings: FrameSettings, device: str) -> None:
-        """Copy the tables to the device. Raises `RenderError` if they and the scratch of one camera do not fit."""
+    def __init__(
+        self, scene: Scene, settings: FrameSettings, device: str, *, tables: Any = None, plants: int | None = None
+    ) -> None:
+        """Copy the tables to the device. Raises `RenderError` if they and the scratch of one camera do not fit.
+
+        Args:
+            scene: The tables on the host.
+            settings: What all frames share.
+            device: A device of torch's.
+            tables: The `Scene` on the device, for worlds that are replaced; None: it is copied.
+            plants: Most plants that a world will have; None: those of the world that has most.
+        """
         self.device, self._settings = device, settings
-        self.scratch_bytes = bytes_each(scene, settings.height, settings.width, settings.reduced)
+        self._plants = most_plants(scene) if plants is None else plants
+        self.scratch_bytes = bytes_each(self._plants, settings.height, settings.width, settings.reduced)
         """Bytes of scratch for a camera of a pass."""
-        check_memory(scene, self.scratch_bytes, gpu.free_bytes(device))
-        self._scene = Scene(*(gpu.to_device(table, device) for table in scene))
+        if tables is None:
+            check_memory(scene, self.scratch_bytes, gpu.free_bytes(device))
+            tables = Scene(*(gpu.to_device(table, device) for table in scene))
+        self._scene = tables
         self._codes = gpu.to_device(CODE_TABLE, device)
-        self._plants = most_plants(scene)
         self.cameras = 0
         """Cameras that a pass may have, set at the first draw, when frames already have their memory; 0 before."""
         self._capacity = 0
@@ -277,9 +288,9 @@ class GpuRenderer:
                 placed_props.place, count, placed_props.THREADS, device,
                 scene, views, settings, cameras, moments, props, *placed,
             )  # fmt: skip
-        tiles = -(-height // pixel.TILE) * -(-width // pixel.TILE)
+        tiles = -(-height // tile.TILE) * -(-width // tile.TILE)
         gpu.launch(
-            pixel.tracer(reduced, drawn, props is not None), (tiles, count), pixel.THREADS, device,
+            pixel.tracer(reduced, drawn, props is not None), (tiles, count), tile.THREADS, device,
             scene, views, cameras, moments, nearness, plants, (nearness if props is None else props, *placed), buffers,
         )  # fmt: skip
         if images is not None:

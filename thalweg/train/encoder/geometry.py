@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.compute.device import resolve_device
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, EncoderInputError, load_encoder
 from thalweg.encoder.checkpoint import check_folder
@@ -28,6 +29,7 @@ from thalweg.render import RENDER_VERSION, compilation
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.encoder.views import TARGETS, KnownViews, draw_views, flight_views, start_views
+from thalweg.train.flip import flipped
 from thalweg.world import level_named
 
 WEIGHTS = {"left bank": 4.0, "right bank": 4.0, "heading error": 4.0, "height": 2.0, "room above": 0.0}
@@ -76,6 +78,8 @@ class GeometryTraining:
     rivers_in_memory: int | None = None
     """Greatest number of rivers in memory; None derives it from the free memory."""
     precision: str = "auto"
+    device: str = "cpu"
+    """Where frames are drawn and the encoder learns, see `thalweg.core.compute.device`."""
     command: str = ""
     """Command, which is stored in the encoder's file."""
 
@@ -86,6 +90,7 @@ class GeometryTraining:
         `WorldError` for an unknown level, before anything is drawn.
         """
         self._check()
+        device = resolve_device(self.device)
         check_folder(self.folder, GEOMETRY_FOLDER, {**self._identity, "epochs": self.epochs, "seed": self.seed})
         compilation.begin()
         with ThreadPoolExecutor(1, "thalweg-held-out") as worker:  # loading rivers takes one core each
@@ -101,6 +106,7 @@ class GeometryTraining:
                 epochs=self.epochs,
                 seed=self.seed,
                 precision=self.precision,
+                device=device,
                 identity=self._identity,
                 progress=progress,
             )
@@ -150,7 +156,7 @@ class GeometryTraining:
 
     def drawn(self, rivers: RiverList, quality: Quality) -> RiverVectorEnv:
         """Return an environment that draws rivers under all looks."""
-        return RiverVectorEnv(rivers, 1, EnvConfig(randomisation=Randomisation(), quality=quality))
+        return RiverVectorEnv(rivers, 1, EnvConfig(randomisation=Randomisation(), quality=quality), device=self.device)
 
     def _judged(self) -> dict[str, Labelled]:
         """Return frames of rivers held out, by the kind of views."""
@@ -255,7 +261,7 @@ def half_mirrored(frames: np.ndarray, truths: np.ndarray, generator: np.random.G
     """Return frames [K, H, W, C] and truths [K, T], each with probability 1/2 those of the view in a mirror."""
     chosen = generator.random(len(frames)) < 0.5
     seen, known = frames.copy(), truths.copy()
-    seen[chosen], known[chosen] = frames[chosen, :, ::-1], mirrored(truths[chosen])
+    seen[chosen], known[chosen] = flipped(frames[chosen]), mirrored(truths[chosen])
     return Labelled(seen, known)
 
 

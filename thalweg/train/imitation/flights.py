@@ -4,6 +4,7 @@ A share of the episodes is flown by the teacher, and some moves are random, so t
 mistakes lead to, and the way back. Letters: N environments, L steps, M moves.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ import torch
 from thalweg.algos.common.state import array_of
 from thalweg.algos.imitation.student import Lesson, Student
 from thalweg.algos.policy.policy import NetworkPlayer
-from thalweg.algos.policy.vision import NO_OPTION, rows_of
+from thalweg.algos.policy.vision import NO_OPTION, rows_of, write_rows
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.env import RiverVectorEnv
 from thalweg.env.frame_renderer import Views
@@ -41,14 +42,16 @@ class Flights:
         self.taught = np.ones(env.num_envs, bool)
         """[N] whether the teacher flies the episode."""
         self._notes: dict[str, list[np.ndarray]] = {}
-        self._rows: list[np.ndarray] = []
+        self._rows: np.ndarray = np.zeros((0, 0, 0), np.uint8)
+        """[L, N, pixels + A] memory for the rows of a sequence, which the next one overwrites."""
+        self._noted = 0
         self._start: np.ndarray = np.zeros(0)
         self.begin()
 
     def begin(self) -> None:
         """Forget the noted steps: the next one is the first of new sequences."""
         self._notes = {name: [] for name in PLAIN}
-        self._rows = []
+        self._noted = 0
         hidden = self._player.hidden
         self._start = np.zeros((self.env.num_envs, 0), np.float32) if hidden is None else array_of(hidden)
 
@@ -64,7 +67,7 @@ class Flights:
     @property
     def noted(self) -> int:
         """Steps of each environment since `begin`."""
-        return len(self._rows)
+        return self._noted
 
     def act(self, teacher_share: float, noise: float) -> np.ndarray:
         """Note the current state, and return the actions [N, 4] to take in it."""
@@ -72,11 +75,12 @@ class Flights:
         self.taught[self.fresh] = self.rng.random(int(self.fresh.sum())) < teacher_share
         self.last[self.fresh] = NO_OPTION
         worths = teacher_worths(self.env, self.student.config.teacher)
-        rows = rows_of(self.images, self.last)
+        rows = self._next_rows()
+        write_rows(rows, self.images, self.last)
         self._note(worths)
-        self._rows.append(rows)
         with torch_threads(1):
-            raw = self._player.raw(torch.from_numpy(rows), torch.from_numpy(self.fresh.copy()))
+            seen = torch.from_numpy(rows), torch.from_numpy(self.fresh.copy())
+            raw = self._player.raw(*(tensor.to(self.student.device) for tensor in seen)).cpu()
         options = np.where(self.taught[:, None], OPTIONS[worths.argmax(axis=1)], raw.numpy())
         random_moves = self.rng.random(count) < noise
         options = np.where(random_moves[:, None], OPTIONS[self.rng.integers(len(OPTIONS), size=count)], options)
@@ -93,8 +97,9 @@ class Flights:
         return Sequences(start=self._start, **notes)
 
     def lesson(self, sequences: Sequences) -> Lesson:
-        """Return the noted steps as the student learns from them; `sequences` are those of `sequences()`."""
-        return lesson_of(sequences, np.stack(self._rows))
+        """Return the noted steps as the student learns from them, until the next step; `sequences` are those of
+        `sequences()`."""
+        return lesson_of(sequences, self._rows[: self._noted])
 
     def drawn_again(self, sequences: Sequences) -> Lesson:
         """Return stored sequences as the student learns from them: drawn under new looks, some mirrored in place, some
@@ -103,8 +108,7 @@ class Flights:
         images = redraw(self.env, sequences, self.rng)
         mirror(images, sequences, config.mirrored, self.rng)
         corrupt(images, str(self.env.config.observation), config.corrupted_masks, self.rng)
-        rows = [rows_of(*step) for step in zip(images, sequences.last.astype(np.int64), strict=True)]
-        return lesson_of(sequences, np.stack(rows))
+        return lesson_of(sequences, rows_of(images, sequences.last))
 
     def state(self) -> dict[str, Any]:
         """Return what the next step depends on; valid while no step is noted."""
@@ -126,6 +130,15 @@ class Flights:
         self._player.load_state(state["player"])
         self.rng.bit_generator.state = state["rng"]
         self.begin()
+
+    def _next_rows(self) -> np.ndarray:
+        """Return memory [N, pixels + A] for the rows of the next step."""
+        if not self._rows.size:
+            shape = self.images.shape
+            width = math.prod(shape[1:]) + self.last.shape[1]
+            self._rows = np.empty((self.student.config.sequence, shape[0], width), np.uint8)
+        self._noted += 1
+        return self._rows[self._noted - 1]
 
     def _note(self, worths: np.ndarray) -> None:
         """Note the current state and what the teacher knows of it."""

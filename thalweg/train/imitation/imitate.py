@@ -5,10 +5,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from thalweg.algos.imitation.config import ImitationConfig, Teacher
 from thalweg.algos.imitation.student import ALGORITHM, Student
 from thalweg.algos.policy.actions import actions_of
 from thalweg.core import versions
+from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
 from thalweg.core.config import parse_config, to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
@@ -49,6 +52,9 @@ class Imitation:
     """Threads for learning; None: as many as there are processors, within OMP_NUM_THREADS."""
     checkpoint_seconds: float = 60.0
     """Least time between two checkpoints."""
+    device: str = "cpu"
+    """Where frames are drawn and the student learns, see `thalweg.core.compute.device`; rules and teacher are on the
+    CPU. A run is resumed on the kind of device that it began on."""
 
     def run(self, *, progress: bool = False) -> RunResult:
         """Train the student, or resume the run in the folder; a finished run is returned at once.
@@ -62,11 +68,14 @@ class Imitation:
         seeds = parse_seeds(self.world_seeds, "world_seeds", TrainingError)
         self._check(levels)
         threads = default_torch_threads() if self.threads is None else self.threads
+        device = torch.device(resolve_device(self.device))
         rules = self._rules(config)
         identity = self._identity(config, rules, levels, seeds)
+        if device.type != "cpu":
+            identity |= {"device": device.type}
         compilation.begin()
         rivers = RiverList.of_levels([(level, seeds) for level in levels], self.rivers_in_memory)
-        env = RiverVectorEnv(rivers, self.num_envs, rules)
+        env = RiverVectorEnv(rivers, self.num_envs, rules, device=str(device))
         try:
             status = open_folder(self.folder, identity, threads)
             if status.get("state") == "finished":
@@ -83,6 +92,7 @@ class Imitation:
                     (len(FEATURES), ROWS * COLUMNS),
                     seed=self.seed,
                     context=identity["context"],
+                    device=device,
                 )
             trainer = ImitationTrainer(env, student, self.steps, self.seed, threads)
             return train_to_end(

@@ -10,6 +10,7 @@ from thalweg.algos.policy.vision import NO_OPTION
 from thalweg.env.pilot.steady import MOVES
 from thalweg.env.task.bird_eye import COLUMNS, ROWS
 from thalweg.env.task.ideal_eye import mirrored
+from thalweg.train.flip import flipped
 from thalweg.train.imitation.sequences import Sequences
 from thalweg.train.imitation.teachers import OPTIONS
 
@@ -27,7 +28,7 @@ def mirror(images: np.ndarray, sequences: Sequences, share: float, rng: np.rando
     chosen = np.flatnonzero(rng.random(images.shape[1]) < share)
     if not chosen.size:
         return
-    images[:, chosen] = images[:, chosen, :, ::-1]
+    images[:, chosen] = flipped(images[:, chosen])
     last = sequences.last[:, chosen]
     last[..., SIDEWAYS] = np.where(last[..., SIDEWAYS] >= 0, GREATEST_OPTION - last[..., SIDEWAYS], NO_OPTION)
     last[0] = NO_OPTION

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from thalweg.cli.forces import STILL, Forces
 from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, River, UsageError, checked_task, settings_from
 from thalweg.cli.run_result import print_result
 from thalweg.core.config import to_plain
@@ -37,6 +38,7 @@ class Train:
     """River, that of the paper, or Swimmers, Nests, RacingLine or Portage, in which each step may have a cost."""
     hard: bool = False
     """End an episode at the first cost of the task; not for River."""
+    forces: Forces = STILL
     steps: int = 200_000
     """Steps of training, over all environments together."""
     seed: int = 0
@@ -74,6 +76,7 @@ class Train:
         river = self.river.reach("--level", self.level) or self.level or (DEFAULT_LEVEL[self.vehicle],)
         seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError)
         rules = EnvConfig(task=checked_task(self.task), hard=self.hard, vehicle=self.vehicle)
+        rules = self.forces.options().applied(rules)
         training = RiverTraining(
             river, self.num_envs, seeds, rules, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory
         )

@@ -16,7 +16,7 @@ import torch
 from thalweg.algos.policy.policy import Player
 from thalweg.bench.evaluate.baselines import DRAWN, Policy, RecurrentPolicy, Sight, sight_of
 from thalweg.bench.evaluate.course import DEFAULT_EVALUATION, Course, EvaluationConfig
-from thalweg.bench.evaluate.episodes import ALL_REASONS, END_COLUMNS, Episode
+from thalweg.bench.evaluate.episodes import ALL_REASONS, END_COLUMNS, Episode, flown_of_ahead, share_ahead
 from thalweg.bench.evaluate.shielded import FlightShield, check_shield
 from thalweg.core.compute.counter_random import scene_of
 from thalweg.core.compute.device import resolve_device
@@ -192,8 +192,10 @@ def evaluate(
     env = start_env(course, config, sees, felt)
     if shield is not None:
         shield.begin(env, course.looks)
-    players = [_player(policy, episode_generator(label, int(index)), config) for index in course.indices]
-    totals = _EpisodeTotals(_share_ahead(course, env.get_state()))
+    generators = [episode_generator(label, int(index)) for index in course.indices]
+    players = [player_of(policy, generator, deterministic=config.deterministic) for generator in generators]
+    rivers = [world.river for world in course.rivers or (course.world,) * len(course.starts)]
+    totals = _EpisodeTotals(share_ahead(rivers, env.state.travel, env.state.segment))
     actions = np.ones((len(course.starts), 4), dtype=np.int64)
     while len(flying := np.flatnonzero(totals.reason < 0)):
         state = env.get_state()
@@ -221,11 +223,11 @@ def evaluate(
     return rows if shield is None else shield.marked(rows)
 
 
-def _player(policy: Policy | RecurrentPolicy, generator: torch.Generator, config: EvaluationConfig) -> Player:
+def player_of(policy: Policy | RecurrentPolicy, generator: torch.Generator, *, deterministic: bool = False) -> Player:
     """Return the policy in one episode, with its own memory if it has one."""
     if isinstance(policy, RecurrentPolicy):
-        return policy.player(1, deterministic=config.deterministic, generator=generator)
-    return lambda obs, fresh: policy.act(obs, deterministic=config.deterministic, generator=generator)
+        return policy.player(1, deterministic=deterministic, generator=generator)
+    return lambda obs, fresh: policy.act(obs, deterministic=deterministic, generator=generator)
 
 
 def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
@@ -252,14 +254,6 @@ def start_env(course: Course, config: EvaluationConfig, sees: Sight = "nothing",
     return env
 
 
-def _share_ahead(course: Course, state: dict[str, np.ndarray]) -> np.ndarray:
-    """Return [K] the share of the course's segments from that of each start on, in its direction; NaN on a loop."""
-    rivers = [world.river for world in course.rivers or (course.world,) * len(course.starts)]
-    segments = np.array([river.segments for river in rivers])
-    ahead = np.where(state["travel"] > 0, segments - state["segment"], state["segment"] + 1)
-    return np.where([river.closed for river in rivers], np.nan, ahead / segments)
-
-
 class _EpisodeTotals:
     """Totals of each episode until its first end; later steps of its slot do not count."""
 
@@ -284,11 +278,6 @@ class _EpisodeTotals:
         self.reason[flying] = info["done_reason"][flying]
         self.ends[flying] = info["pose"][flying, :3]
 
-    def _ahead(self, index: int) -> float | None:
-        """Return the share flown of what lay ahead of a start; None on a loop."""
-        share = self.progress[index] / self.share_ahead[index]
-        return None if np.isnan(share) else min(float(share), 1.0)
-
     def rows(self, course: Course, label: Label) -> list[Episode]:
         return [
             Episode(
@@ -306,7 +295,7 @@ class _EpisodeTotals:
                 reason=ALL_REASONS[self.reason[index]],
                 success=ALL_REASONS[self.reason[index]] == "Success",
                 progress=float(self.progress[index]),
-                ahead=self._ahead(index),
+                ahead=flown_of_ahead(self.progress[index], self.share_ahead[index]),
                 **dict(zip(END_COLUMNS, map(float, self.ends[index]), strict=True)),
             )
             for index in range(len(course.starts))

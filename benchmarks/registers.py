@@ -27,7 +27,7 @@ from thalweg.env.device.step import reset_arguments
 from thalweg.env.forces.arrays import empty_forces, force_numbers
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.rules import State, empty_outcome, empty_state
-from thalweg.render.gpu import ground_profiles, pixel, placed_props, postprocess, visible_plants
+from thalweg.render.gpu import ground_profiles, pixel, placed_props, postprocess, tile, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.records.scene import Scene
 from thalweg.render.records.view import COLOURS, LAYERS, MASK, Buffers, FrameSettings, Views
@@ -138,8 +138,8 @@ def variants() -> dict[str, Variant]:
     for fast in (False, True):
         quality = "fast" if fast else "full"
         for drawn, what in ((COLOURS, ""), (LAYERS, ", no colours"), (MASK, ", mask")):
-            kernels[f"trace, {quality}{what}"] = Variant(pixel.tracer(fast, drawn), trace, pixel.THREADS)
-            kernels[f"trace, {quality}{what}, props"] = Variant(pixel.tracer(fast, drawn, True), trace, pixel.THREADS)
+            kernels[f"trace, {quality}{what}"] = Variant(pixel.tracer(fast, drawn), trace, tile.THREADS)
+            kernels[f"trace, {quality}{what}, props"] = Variant(pixel.tracer(fast, drawn, True), trace, tile.THREADS)
         kernels[f"add_up, {quality}"] = Variant(postprocess.adder(fast), add, postprocess.THREADS)
     kernels["tone_map"] = Variant(
         postprocess.tone_map,

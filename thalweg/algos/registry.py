@@ -1,8 +1,11 @@
-"""The registry of algorithms: one dictionary that everything which runs, lists or documents algorithms reads."""
+"""The registry of algorithms: one dictionary of those that come with the package, and the plug-ins beside them.
+
+Everything that runs, lists or documents algorithms reads it.
+"""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any, ClassVar
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.interface import Learner, Task
@@ -19,7 +22,10 @@ from thalweg.algos.onpolicy.ppolag import PPOLag, PPOLagConfig
 from thalweg.algos.planning.ccepets import CCEPETS, CCEPETSConfig
 from thalweg.algos.planning.safeloop import SafeLOOP, SafeLOOPConfig
 from thalweg.algos.presets import settings_for_envs, settings_for_images, settings_of
+from thalweg.core import versions
 from thalweg.core.config import parse_config, refuse_unknown
+from thalweg.core.plugins import lookup
+from thalweg.core.plugins.record import Plugin, PluginError, check_record
 from thalweg.core.suggestion import did_you_mean
 
 WIDE = 2
@@ -98,11 +104,85 @@ ALGORITHMS: dict[str, Entry] = {
 }
 
 
+GROUP = "thalweg.algorithms"
+"""Group of the entry points of algorithms."""
+NEEDED = ("frame_stack", "rollout_steps")
+"""What a run asks of every config: a number of observations seen side by side, and the method that returns T."""
+
+
+@dataclass(frozen=True)
+class AlgorithmPlugin(Entry):
+    """An algorithm from outside the package; docs/extend.md has an example.
+
+    Raises `PluginError` for a name that is taken, a version below 1, and a config that a run cannot use.
+    """
+
+    version: int = 0
+    """Version of its updates, 1 or more; to be raised when they change. Results bear it beside a hash of the source."""
+    plugin_group: ClassVar[str] = GROUP
+
+    def __post_init__(self) -> None:
+        check_record(GROUP, self.name, self.version, ALGORITHMS)
+        kind: Any = self.config
+        if not (isinstance(kind, type) and is_dataclass(kind) and hasattr(kind, "__config_error__")):
+            raise PluginError(
+                f"the config of {self.name} is {kind!r}; it must be a class under @frozen_config(AlgorithmError), such"
+                " as one derived from thalweg.algos.onpolicy.config.FirstOrderConfig"
+            )
+        if missing := [name for name in NEEDED if not hasattr(kind, name)]:
+            raise PluginError(
+                f"{kind.__name__}, the config of {self.name}, lacks {' and '.join(missing)}; a run needs the field"
+                " frame_stack: int = 1 and the method rollout_steps(num_envs) -> int"
+            )
+        try:
+            kind()
+        except Exception as error:
+            raise PluginError(
+                f"{kind.__name__}() fails ({error}); give every setting of {self.name} a default"
+            ) from error
+        if not callable(self.make):
+            raise PluginError(f"make of {self.name} is {self.make!r}; it must be called as make(config, task)")
+
+
 def algorithm_named(name: str) -> Entry:
-    """Return the algorithm of that name, ignoring case; raise `AlgorithmError` listing the known ones."""
+    """Return the algorithm of that name, ignoring case, from the package or a plug-in.
+
+    Raises `AlgorithmError`, which lists the known ones, for an unknown name, and `PluginError` for a plug-in that
+    cannot be used.
+    """
+    plugin = plugin_named(name)
+    if plugin is not None:
+        return plugin.record
     for known, entry in ALGORITHMS.items():
         if known.lower() == name.lower():
             return entry
-    raise AlgorithmError(
-        f"there is no algorithm {name!r}{did_you_mean(name, ALGORITHMS)}; there are {', '.join(ALGORITHMS)}"
-    )
+    known = algorithm_names()
+    raise AlgorithmError(f"there is no algorithm {name!r}{did_you_mean(name, known)}; there are {', '.join(known)}")
+
+
+def plugin_named(name: str) -> Plugin | None:
+    """Return the plug-in of the algorithm with that name, ignoring case; None if there is no such plug-in."""
+    return lookup.find(GROUP, name, ALGORITHMS)
+
+
+def algorithm_names() -> list[str]:
+    """Return the names of all algorithms, those of plug-ins last."""
+    return [*ALGORITHMS, *(name for name in lookup.names(GROUP) if name not in ALGORITHMS)]
+
+
+def installed_algorithm(name: str) -> Entry | None:
+    """Return the algorithm with exactly that name; None for one that is not here, or is a plug-in that cannot be used.
+
+    For results, which can be read without the algorithms that they are of.
+    """
+    try:
+        plugin = plugin_named(name)
+    except PluginError:
+        return ALGORITHMS.get(name)
+    return ALGORITHMS.get(name) if plugin is None or plugin.name != name else plugin.record
+
+
+def version_of(name: str) -> int | None:
+    """Return the version of the algorithm with exactly that name; None for one that is not here."""
+    entry = installed_algorithm(name)
+    return entry.version if isinstance(entry, AlgorithmPlugin) else versions.ALGORITHMS.get(name)

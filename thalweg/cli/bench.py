@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
-from thalweg.cli.options import NO_FILE, River, RiverFile, checked_task
+from thalweg.cli.options import NO_FILE, Plugins, River, RiverFile, checked_task
 
 if TYPE_CHECKING:
     from thalweg.bench.execute.executors import Executor
@@ -34,6 +34,8 @@ class Bench:
     river: River = NO_FILE
     only: tuple[str, ...] = ()
     """Policies (FOCOPS, hover), with all their seeds, or runs (PPO-0), such as --only FOCOPS PPO-0; all by default."""
+    plugin: Plugins = ()
+    """Python file with algorithms of your own; may be given several times."""
 
     def run(self) -> int:
         executor = executor_for(self.jobs, self.cluster, self.cpus)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
-from thalweg.cli.options import NO_FILE, River, UsageError, check_file, checked_task
+from thalweg.cli.options import NO_FILE, Plugins, River, UsageError, check_file, checked_task
 from thalweg.core.seeds import parse_seeds
 from thalweg.core.suggestion import did_you_mean
 
@@ -61,6 +61,8 @@ class Evaluate:
     """Also write one row per episode to this .csv file, replacing it."""
     device: str = "cpu"
     """Where to render and encode: cpu, cuda, cuda:1, or auto, which uses a GPU if one works."""
+    plugin: Plugins = ()
+    """Python file with algorithms of your own; may be given several times."""
 
     @property
     def config(self) -> "EvaluationConfig":

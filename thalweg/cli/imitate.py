@@ -6,6 +6,7 @@ from typing import Literal
 
 from thalweg.cli.options import UsageError, settings_from
 from thalweg.cli.run_result import print_result
+from thalweg.cli.settings_help import HELP, print_settings
 from thalweg.core.seeds import parse_seeds
 
 
@@ -13,8 +14,8 @@ from thalweg.core.seeds import parse_seeds
 class Imitate:
     """Teach a policy that sees frames by a pilot that knows the map (DAgger); the same command resumes."""
 
-    out: Path
-    """Folder of the run."""
+    out: Path | None = None
+    """Folder of the run; needed except with --set help."""
     levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
     """Levels of the rivers that are flown."""
     world_seeds: tuple[str, ...] = ("1000:1064",)
@@ -30,15 +31,21 @@ class Imitate:
     rivers_in_memory: int | None = None
     """Greatest number of rivers in memory; by default as many as fit into half of the free memory."""
     set: tuple[str, ...] = ()
-    """Settings, such as learning_rate=5e-4; an unknown one is an error that lists the known."""
+    """Settings, such as learning_rate=5e-4; `--set help` lists them with their meanings."""
     threads: int | None = None
     """Threads for learning; by default as many as there are processors, within OMP_NUM_THREADS."""
     device: str = "cpu"
     """Where to draw frames and learn: cpu, cuda, cuda:1, or auto, which uses a GPU if one works."""
 
     def run(self) -> int:
+        from thalweg.algos.imitation.config import ImitationConfig
         from thalweg.train.imitation.imitate import Imitation
 
+        if self.set == HELP:
+            print_settings("imitate", ImitationConfig(), without=("observation",))
+            return 0
+        if self.out is None:
+            raise UsageError("--out is missing: name the folder of the run, such as --out runs/student")
         settings = settings_from(self.set)
         if "observation" in settings:
             raise UsageError("--set observation: give --observation instead")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from thalweg.cli.options import check_file
+from thalweg.cli.options import Plugins, check_file
 from thalweg.core.atomic_io import write_atomic
 
 
@@ -17,6 +17,8 @@ class Leaderboard:
     """Folders that `thalweg bench` wrote."""
     out: Path | None = None
     """Write the page to this .md file instead of printing it, replacing it."""
+    plugin: Plugins = ()
+    """Python file with algorithms of your own; may be given several times."""
 
     def run(self) -> int:
         from thalweg.bench.leaderboard import leaderboard

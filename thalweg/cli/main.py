@@ -38,6 +38,7 @@ from thalweg.cli.wording import in_options
 from thalweg.cli.world import DrawWorld
 from thalweg.core.atomic_io import is_disk_error
 from thalweg.core.extras import advice_for
+from thalweg.core.plugins.lookup import add_files
 from thalweg.core.seeds import parse_seeds
 
 DESCRIPTION = (
@@ -99,6 +100,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     try:
         command = _parse(given)
         _check_seeds(command)
+        add_files(getattr(command, "plugin", ()))
         if arguments is None:
             warnings.showwarning = _show_warning
             threading.excepthook = _show_thread_error
@@ -151,7 +153,12 @@ def _show_thread_error(arguments: threading.ExceptHookArgs) -> None:
 
 
 def _parse(arguments: list[str]) -> Any:
-    """Return the command with its options; a command that is named is parsed alone, so that hints are its own."""
+    """Return the command with its options; a command that is named is parsed alone, so that hints are its own.
+
+    `train PPO` is short for `train --algorithm PPO`.
+    """
+    if arguments[:1] == ["train"] and len(arguments) > 1 and not arguments[1].startswith("-"):
+        arguments = ["train", "--algorithm", *arguments[1:]]
     if arguments and arguments[0] == "encoder":
         return _parse_one_of(ENCODER_COMMANDS, "thalweg encoder", str(Encoder.__doc__), arguments[1:])
     return _parse_one_of(COMMANDS, "thalweg", DESCRIPTION, arguments)
@@ -210,7 +217,7 @@ def _after_interrupt(command: Any) -> str:
     if isinstance(command, Train | Imitate):
         from thalweg.train.folder.checkpoint import newest_step
 
-        step = newest_step(command.out)
+        step = None if command.out is None else newest_step(command.out)
         if step is not None:
             return f"The same command resumes from step {step:,}."
         return "There was no checkpoint yet; the same command starts from the beginning."

@@ -7,7 +7,7 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Annotated, Any
 
-from tyro.conf import arg
+from tyro.conf import UseAppendAction, arg
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec
 
 MOST_DIGITS = 18
@@ -85,6 +85,10 @@ River = Annotated[RiverFile, arg(name="")]
 NO_FILE = RiverFile()
 DEFAULT_LEVEL = {"uav": "Medium", "asv": "Medium-Deep"}
 """Level of each vehicle, where none is named."""
+
+
+Plugins = Annotated[tuple[Path, ...], UseAppendAction]
+"""Files of plug-ins; the option may be given several times."""
 
 
 def load_world(river: RiverFile, level: str | None, seed: int | None, vehicle: str = "uav") -> Any:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from thalweg.cli.options import UsageError
+from thalweg.cli.options import Plugins, UsageError
 
 
 @dataclass(frozen=True)
@@ -16,6 +16,8 @@ class Report:
     """Folder that `thalweg bench` wrote."""
     out: Path | None = None
     """Folder to write to, new or that of an earlier report; by default `report` within the results."""
+    plugin: Plugins = ()
+    """Python file with algorithms of your own; may be given several times."""
 
     def run(self) -> int:
         from thalweg.bench.report.report import write_report

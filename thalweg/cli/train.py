@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, River, UsageError, checked_task, settings_from
+from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, UsageError, checked_task, settings_from
 from thalweg.cli.run_result import print_result
+from thalweg.cli.settings_help import HELP, print_settings
 from thalweg.core.config import to_plain
 from thalweg.core.seeds import parse_seeds
 
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
 class Train:
     """Train a policy on a river from frames or from the privileged observation; the same command resumes."""
 
-    out: Path
-    """Folder of the run."""
+    out: Path | None = None
+    """Folder of the run; needed except with --set help."""
     algorithm: str = "FOCOPS"
     """PPO, PPOLag, FOCOPS, P3O, OnCRPO, CPO, CUP, DDPGLag, TD3Lag, SACLag, CCEPETS or SafeLOOP."""
     level: tuple[str, ...] = ()
@@ -54,7 +55,7 @@ class Train:
     preset: str = "default"
     """`default`, or `paper` for the settings of the study, as far as they are known."""
     set: tuple[str, ...] = ()
-    """Settings on top of the preset, such as learning_rate=1e-4; an unknown one is an error that lists the known."""
+    """Settings on top of the preset, such as learning_rate=1e-4; `--set help` lists them with their meanings."""
     threads: int | None = None
     """Threads for acting and learning; by default, within OMP_NUM_THREADS, 2 for wide networks and 1 for others."""
     begin_with: Path | None = None
@@ -63,14 +64,21 @@ class Train:
     """Where to train: cpu, cuda, cuda:1, or auto, which uses a GPU if one works."""
     graphs: bool = False
     """Record the gradient steps of DDPGLag, TD3Lag and SACLag as CUDA graphs and replay them."""
+    plugin: Plugins = ()
+    """Python file with algorithms of your own; may be given several times."""
 
     def run(self) -> int:
         from thalweg.algos.registry import algorithm_named
         from thalweg.env import EnvConfig
         from thalweg.train.river import RiverTraining, load_compatible_encoder
 
-        settings = settings_from(self.set)
         algorithm = algorithm_named(self.algorithm)
+        if self.set == HELP:
+            print_settings(algorithm.name, algorithm.configure({}, self.preset, self.num_envs))
+            return 0
+        if self.out is None:
+            raise UsageError(f"--out is missing: name the folder of the run, such as --out runs/{algorithm.name}")
+        settings = settings_from(self.set)
         river = self.river.reach("--level", self.level) or self.level or (DEFAULT_LEVEL[self.vehicle],)
         seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError)
         rules = EnvConfig(task=checked_task(self.task), hard=self.hard, vehicle=self.vehicle)

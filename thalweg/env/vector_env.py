@@ -4,7 +4,6 @@ One call of the rules and one of the renderer serve all N environments. Returned
 """
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Any
 
 import gymnasium
@@ -13,12 +12,12 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from thalweg.core.config import refuse_unknown
-from thalweg.env import snapshot
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, integer_at_least
+from thalweg.env.episodes.episodes import Episodes
+from thalweg.env.episodes.info import final_info_of, info_of
+from thalweg.env.episodes.reset_arguments import autoreset_mode_of, rows_and_poses, seeds_of
 from thalweg.env.forces.of_many import ForcesOfMany
 from thalweg.env.frame_renderer import FrameRenderer, Views
-from thalweg.env.initial_poses import check_pose, project_anywhere, random_clock, random_start, travel_direction
 from thalweg.env.observer import Observer
 from thalweg.env.rivers.assignment import DrawnRivers, FixedRivers, Rivers
 from thalweg.env.rivers.pool import RiverPool
@@ -28,28 +27,13 @@ from thalweg.env.spaces import (
     action_space,
     first_observations,
     from_unit_actions,
-    observation_at,
     observation_space,
     to_unit_actions,
 )
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.critic_info import critic_space
-from thalweg.env.task.progress_share import progress_of
-from thalweg.env.task.rules import (
-    TASK_STATE,
-    afloat,
-    begin_task,
-    clear_outcome,
-    empty_outcome,
-    empty_state,
-    pose_of,
-)
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
-
-RESET_OPTIONS = ("pose", "reset_mask")
-LARGEST_SCENE = 2**62
-"""Seeds of what moves in an episode are below this number."""
 
 
 class RiverVectorEnv(VectorEnv):
@@ -104,7 +88,7 @@ class RiverVectorEnv(VectorEnv):
             raise ConfigError(f"unknown render_mode {render_mode!r}; known: {', '.join(self.metadata['render_modes'])}")
         self.num_envs = integer_at_least("num_envs", num_envs, 1)
         self.config = config
-        self.autoreset_mode = _mode(autoreset_mode)
+        self.autoreset_mode = autoreset_mode_of(autoreset_mode)
         frames_per_s = 1.0 / config.step_s if config.step_s > 0 else self.metadata["render_fps"]
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode, "render_fps": frames_per_s}
         self.render_mode = render_mode
@@ -128,18 +112,14 @@ class RiverVectorEnv(VectorEnv):
         self.limits = config.limits
         self.world_index = self.rivers.slot
         """[N] index of the world of each environment in the courses."""
-        visited = np.zeros((self.num_envs, self.rivers.most_segments), dtype=np.uint8)
-        self.state = empty_state(self.world_index, self.courses)._replace(visited=visited)
         self.forces = ForcesOfMany(config, self.num_envs)
         self.frames.wind = self.forces.horizontal
         self._pilots: dict[str, Any] = {}
         """Those that were asked, by their names."""
-        self.generators: list[np.random.Generator | None] = [None] * self.num_envs
-        self._started = np.zeros(self.num_envs, dtype=bool)
-        self._ended = np.zeros(self.num_envs, dtype=bool)
+        self.episodes = Episodes(config, self.rivers, self.frames, self.observer, self.forces)
+        self.state, self.generators = self.episodes.state, self.episodes.generators
         self.cost_kinds = config.cost_kinds
         """Names of the K kinds of `info["costs"]`."""
-        self._outcome = empty_outcome(self.num_envs, len(self.cost_kinds))
 
         self.single_action_space = action_space(config.action)
         self.single_observation_space = observation_space(
@@ -170,13 +150,11 @@ class RiverVectorEnv(VectorEnv):
         `UnsafePoseError` if one breaks a limit.
         """
         rows, poses = self.validate_options(options)
-        seeds = self._seeds(seed)
+        seeds = seeds_of(seed, self.num_envs)
         reseeded = [row for row in rows if seeds[row] is not None or self.generators[row] is None]
         # All generators are created before the first is replaced, so that a bad seed changes nothing.
         for row, generator in [(row, seeding.np_random(seeds[row])[0]) for row in reseeded]:
-            self.generators[row] = generator
-            self.rivers.forget(row)
-            self.frames.draw_look(row, "environment", generator)
+            self.episodes.reseed(row, generator)
         if isinstance(seed, int | np.integer):
             self._np_random_seed = int(seed)
         return self.start_episodes(rows, poses)
@@ -185,11 +163,11 @@ class RiverVectorEnv(VectorEnv):
         """Start new episodes in the environments `rows`, at validated poses [N, 4] or random ones; returns as
         `reset`."""
         for row in rows:
-            self._start_episode(row, None if poses is None else poses[row])
-            clear_outcome(self._outcome, row)
+            self.episodes.begin(row, None if poses is None else poses[row])
+            self.episodes.clear_outcome(row)
         mask = np.zeros(self.num_envs, dtype=bool)
         mask[rows] = True
-        results = self.observe(), self._info(mask)
+        results = self.observe(), info_of(self.episodes, mask)
         self.rivers.settle()
         return results
 
@@ -201,30 +179,25 @@ class RiverVectorEnv(VectorEnv):
         first.
         """
         unit_actions = to_unit_actions(self.config.action, actions, self.num_envs, self.config.fast_ratio)
-        if not self._started.all():
-            raise gymnasium.error.ResetNeeded("call reset() before step()")
-        mode = self.autoreset_mode
-        if mode is AutoresetMode.DISABLED and self._ended.any():
-            ended = np.flatnonzero(self._ended).tolist()
-            raise gymnasium.error.ResetNeeded(f"the episodes of environments {ended} have ended; reset them first")
-
-        active = ~self._ended
+        self._check_ready()
+        ended, outcome = self.episodes.ended, self.episodes.outcome
+        active = ~ended
         self.observer.step(self.state.pose, unit_actions)
-        self.forces.step_all(active, unit_actions, self.courses, self.limits, self.state, self._outcome)
+        self.forces.step_all(active, unit_actions, self.courses, self.limits, self.state, outcome)
         self.state.time_s[active] += self.config.step_s
         for row in np.flatnonzero(~active):
-            self._start_episode(int(row))
-        reason = self._outcome.reason
+            self.episodes.begin(int(row))
+        reason = outcome.reason
         truncated = reason == DoneReason.MAX_STEP_REACHED
         terminated = (reason >= 0) & ~truncated
-        info = self._info(np.ones(self.num_envs, dtype=bool))
-        self._ended[:] = reason >= 0
-        if mode is AutoresetMode.SAME_STEP and self._ended.any():
+        info = info_of(self.episodes, np.ones(self.num_envs, dtype=bool))
+        ended[:] = reason >= 0
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             observations = self._restart_ended(info)
         else:
             observations = self.observe()
         self.rivers.settle()
-        return observations, self._outcome.reward.copy(), terminated, truncated, info
+        return observations, outcome.reward.copy(), terminated, truncated, info
 
     def observe(self) -> Any:
         """Return the observations of the current state, as `reset` and `step` do; for use after `set_state`."""
@@ -284,7 +257,7 @@ class RiverVectorEnv(VectorEnv):
         pilots = PILOTS[self.config.vehicle]
         if name not in pilots:
             raise ConfigError(f"unknown pilot {name!r} of the {self.config.vehicle}; known: {', '.join(pilots)}")
-        if not self._started.all():
+        if not self.episodes.started.all():
             raise gymnasium.error.ResetNeeded("call reset() before asking a pilot")
         if name not in self._pilots:
             self._pilots[name] = PilotInRivers(pilots[name], self.config)
@@ -292,33 +265,15 @@ class RiverVectorEnv(VectorEnv):
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return copies of everything that the future depends on, random generators included."""
-        arrays = snapshot.copy_state(self.state, self.generators, self._started, self._ended, self._identity)
-        del arrays["world"]
-        if self.config.task == "River":  # as states were before there were other tasks
-            for name in TASK_STATE:
-                del arrays[name]
-        looks = {"look": self.frames.look.copy(), "sun": self.frames.sun.copy()}
-        return {**arrays, **self.rivers.state(), **looks, **self.forces.get_state(), **self.observer.state()}
+        return self.episodes.get_state()
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Restore a state of `get_state`; raises `StateError` before anything changes if it does not fit."""
-        snapshot.check_arrays(state, self.get_state())
-        snapshot.check_values(state, self.rivers.segments_in(state), self.frames.lights)
-        self.forces.check_state(state)
-        self.rivers.restore(state)
-        self.forces.set_state(state)
-        kept = {**state, "world": self.world_index}
-        snapshot.restore_state(kept, self.state, self.generators, self._started, self._ended)
-        self.frames.look[:], self.frames.sun[:] = state["look"], state["sun"]
-        self.observer.load_state(state)
+        self.episodes.set_state(state)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Stop what runs in the background."""
         self.rivers.close()
-
-    @cached_property
-    def _identity(self) -> dict[str, np.ndarray]:
-        return snapshot.env_identity(self.rivers.fingerprint(), self.config)
 
     def validate_options(self, options: Mapping[str, Any] | None) -> tuple[list[int], np.ndarray | None]:
         """Return the rows to reset and their poses [N, 4] or None.
@@ -326,111 +281,28 @@ class RiverVectorEnv(VectorEnv):
         Everything is checked here, before anything changes: raises `ConfigError`, `UnsafePoseError` and
         `gymnasium.error.ResetNeeded`.
         """
-        options = options or {}
-        refuse_unknown("reset option", options, RESET_OPTIONS, ConfigError)
-        mask = options.get("reset_mask")
-        if mask is None:
-            mask = np.ones(self.num_envs, dtype=bool)
-        mask = np.asarray(mask)
-        if mask.dtype != bool or mask.shape != (self.num_envs,) or not mask.any():
-            raise ConfigError(f"reset_mask must be [{self.num_envs}] bool with at least one True")
-        if not (self._started | mask).all():
-            raise gymnasium.error.ResetNeeded("the first reset must include every environment")
-        rows = np.flatnonzero(mask).tolist()
-        poses = options.get("pose")
-        if poses is not None:
-            if isinstance(self.rivers, DrawnRivers):
-                raise ConfigError("options['pose'] needs environments that stay in one river: a pose lies in one river")
-            poses = np.asarray(poses, dtype=np.float64)
-            if poses.shape not in ((4,), (self.num_envs, 4)):
-                raise ConfigError(f"pose has shape {poses.shape}; needed: (4,) or ({self.num_envs}, 4)")
-            poses = np.broadcast_to(poses, (self.num_envs, 4))
-            for row in rows:
-                check_pose(self.courses, int(self.world_index[row]), self.config, poses[row])
-        return rows, poses
+        return rows_and_poses(options, self.episodes.started, self.config, self.rivers)
 
-    def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
-        """Return one seed or None per environment; raises `ConfigError` for anything else."""
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, str) or not hasattr(seed, "__len__"):
-            first = integer_at_least("seed", seed, 0)
-            return [first + row for row in range(self.num_envs)]
-        assert not isinstance(seed, int)
-        if len(seed) != self.num_envs:
-            raise ConfigError(f"{len(seed)} seeds for {self.num_envs} environments")
-        return [None if one is None else integer_at_least("each seed", one, 0) for one in seed]
-
-    def _start_episode(self, row: int, pose: np.ndarray | None = None) -> None:
-        """Start an episode in one environment, at a pose [4] or a random one."""
-        generator = self.generators[row]
-        assert generator is not None
-        self.rivers.enter(row, generator)
-        state, world = self.state, int(self.world_index[row])
-        if pose is None:
-            pose, time_s = random_start(self.courses, world, self.config, self.limits, generator)
-        else:
-            time_s = random_clock(generator)
-        state.pose[row] = pose
-        x, y, _, yaw = state.pose[row]
-        projection = project_anywhere(self.courses, world, x, y)
-        state.pose[row] = afloat(self.courses, world, self.limits, projection, pose_of(state.pose, row))
-        self.observer.start(row, state.pose[row])
-        state.segment[row] = projection.segment
-        state.travel[row] = travel_direction(self.courses, world, projection, yaw)
-        state.visited[row] = 0
-        state.visited_count[row] = state.steps[row] = state.idle[row] = 0
-        state.time_s[row] = time_s
-        if self.config.task != "River":
-            scene = int(generator.integers(LARGEST_SCENE)) if self.courses.swimmers[world] else 0
-            begin_task(row, self.courses, self.limits, state, projection, scene)
-        self.frames.draw_look(row, "episode", generator)
-        self.forces.begin(row, generator)
-        self._started[row] = True
-        self._ended[row] = False
+    def _check_ready(self) -> None:
+        """Raise `gymnasium.error.ResetNeeded` unless every environment can step."""
+        if not self.episodes.started.all():
+            raise gymnasium.error.ResetNeeded("call reset() before step()")
+        if self.autoreset_mode is AutoresetMode.DISABLED and self.episodes.ended.any():
+            ended = np.flatnonzero(self.episodes.ended).tolist()
+            raise gymnasium.error.ResetNeeded(f"the episodes of environments {ended} have ended; reset them first")
 
     def _restart_ended(self, info: dict[str, Any]) -> Any:
         """Start new episodes where one ended, add `final_obs` and `final_info`; returns the new observations."""
-        rows = np.flatnonzero(self._ended)
+        ended = self.episodes.ended.copy()
+        rows = np.flatnonzero(ended)
         last_views = self.observer.views(self.courses, self.state, rows)
-        ended = self._ended.copy()
         for row in rows:
-            self._start_episode(int(row))
+            self.episodes.begin(int(row))
         # One call of the renderer draws the new frames [N] and the last ones of the ended episodes.
         views = self.observer.views(self.courses, self.state).and_views(last_views)
         batch = self.observer.observe(self.courses, views)
-        final_obs = np.full(self.num_envs, None, dtype=object)
-        for index, row in enumerate(rows):
-            final_obs[row] = observation_at(batch, self.num_envs + index)
-        final_info = {key: np.zeros_like(value) for key, value in info.items()}
-        for key, value in info.items():
-            final_info[key][rows] = value[rows]
+        final = final_info_of(info, batch, ended)
         if self.config.critic_info:
             info["critic_obs"] = self.observer.critic_obs(self.courses, self.state)
-        info |= {"final_obs": final_obs, "_final_obs": ended, "final_info": final_info, "_final_info": ended.copy()}
+        info |= final
         return first_observations(batch, self.num_envs)
-
-    def _info(self, mask: np.ndarray) -> dict[str, Any]:
-        """Return the info of the last action; mask [N] bool selects the environments that it is about."""
-        state, outcome = self.state, self._outcome
-        info = {
-            "cost": outcome.costs.sum(axis=1),
-            "costs": outcome.costs.copy(),
-            "done_reason": outcome.reason.copy(),
-            "progress": progress_of(self.config, self.courses, self.state),
-            "pose": state.pose.copy(),
-            **self.forces.info(),
-        }
-        if isinstance(self.rivers, DrawnRivers):
-            info["river"] = self.rivers.river.copy()
-        if self.config.critic_info:
-            info["critic_obs"] = self.observer.critic_obs(self.courses, self.state)
-        return info | {f"_{key}": mask.copy() for key in info}
-
-
-def _mode(given: AutoresetMode | str) -> AutoresetMode:
-    """Return an autoreset mode from itself or its name; raises `ConfigError` for an unknown one."""
-    for mode in AutoresetMode:
-        if given is mode or (isinstance(given, str) and given.lower() in (mode.value.lower(), mode.name.lower())):
-            return mode
-    raise ConfigError(f"unknown autoreset_mode {given!r}; known: {', '.join(mode.name for mode in AutoresetMode)}")

@@ -17,12 +17,13 @@ from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.onpolicy.config import settings_like
 from thalweg.algos.policy import policy as policies
 from thalweg.algos.policy.networks import NetworkShape
-from thalweg.algos.registry import Entry, algorithm_named
+from thalweg.algos.registry import Entry, algorithm_named, plugin_named
 from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import DeviceError, resolve_device
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import to_plain
 from thalweg.train.errors import ShortRunWarning, TrainingError
+from thalweg.train.folder import run_record
 from thalweg.train.rollouts.collector import Collector
 from thalweg.train.rollouts.images import check_rollout_memory
 from thalweg.train.rollouts.tensor_collector import TensorEnv, make_collector
@@ -74,7 +75,7 @@ def run(
     numbers. A finished run is returned at once.
 
     Args:
-        algorithm: A name in `thalweg.algos.registry.ALGORITHMS`, in upper or lower case.
+        algorithm: A name in `thalweg.algos.registry.ALGORITHMS` or that of a plug-in, in upper or lower case.
         env: A Gymnasium vector environment with vectors as observations, or with policy=cnn images, and `info["cost"]`
             [N], or an environment of tensors; it is not closed.
         steps: Minimum number of steps, all environments together.
@@ -93,7 +94,7 @@ def run(
         graphs: Whether to record gradient steps of DDPGLag, TD3Lag and SACLag as CUDA graphs; not by default.
 
     Raises:
-        AlgorithmError, TrainingError, DeviceError: Before anything runs, for an invalid argument or folder.
+        AlgorithmError, PluginError, TrainingError, DeviceError: Before anything runs, for a bad argument or folder.
         NotFiniteError: As soon as a number that learning depends on is NaN; the last good checkpoint remains.
         TypeError: For an unknown keyword argument.
     """
@@ -102,7 +103,7 @@ def run(
     # Environments without a number of them are refused below.
     resolved = configured(entry, config, preset, getattr(env, "num_envs", 1), how.begin_with)
     check_numbers(steps=(steps, 1), threads=(how.threads, 1), seed=(seed, 0))
-    device, context = torch.device(resolve_device(how.device)), dict(context or {})
+    device, context = torch.device(resolve_device(how.device)), {**(context or {}), **made_by(entry)}
     if how.graphs:
         _check_graphs(entry, device)
     images = sees_images(resolved)
@@ -145,6 +146,13 @@ def configured(entry: Entry, config: Any, preset: str, num_envs: int, begin_with
         if isinstance(shape, NetworkShape):
             config = settings_like(shape) | dict(config)
     return entry.configure(config, preset, num_envs)
+
+
+def made_by(entry: Entry) -> dict[str, Any]:
+    """Return the entry of a context that says from which version and source of a plug-in a policy is; empty for an
+    algorithm of the package."""
+    plugin = plugin_named(entry.name)
+    return {} if plugin is None else {run_record.PLUGIN: plugin.as_data()}
 
 
 def sees_images(config: Any) -> bool:

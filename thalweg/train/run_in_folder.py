@@ -11,6 +11,7 @@ import torch
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.policy import policy as policies
 from thalweg.core.compute.device import resolve_device
+from thalweg.core.plugins.record import PluginWarning, changed_source
 from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.folder import run_record
 from thalweg.train.folder.checkpoint import load_checkpoint
@@ -61,7 +62,8 @@ def check_numbers(**numbers: tuple[int, int]) -> None:
 def open_folder(folder: Path, identity: dict[str, Any], threads: int) -> dict[str, Any]:
     """Create the folder of a run, or check that an existing one is of the same run; returns its status.
 
-    Raises `TrainingError` for the folder of another run, and warns if versions or threads have changed.
+    Raises `TrainingError` for the folder of another run, and warns if versions or threads have changed, or the source
+    of a plug-in whose version has not.
     """
     description = run_record.describe(identity, threads)
     existing = run_record.read_config(folder)
@@ -69,6 +71,9 @@ def open_folder(folder: Path, identity: dict[str, Any], threads: int) -> dict[st
         run_record.write_config(folder, description)
         return {}
     run_record.require_same(folder, existing["run"], identity)
+    sources = [run_record.plugin_source(run) for run in (existing["run"], identity)]
+    if sources[0] != sources[1]:
+        warnings.warn(changed_source(identity["algorithm"], str(folder), *sources), PluginWarning, stacklevel=3)
     status = run_record.read_status(folder)
     before = existing["versions"] | {"threads": existing["machine"]["learning_threads"]}
     now = run_record.package_versions() | {"threads": threads}

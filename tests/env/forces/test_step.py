@@ -184,7 +184,7 @@ def test_a_step_under_forces_pays_and_costs_what_its_task_says(task: str):
     for _ in range(40):
         actions = erratic(calm, rng)
         for env in (calm, pushed):
-            env._ended[:] = False
+            env.episodes.ended[:] = False
         (_, paid, _, _, one), (_, rewards, _, _, other) = calm.step(actions), pushed.step(actions)
         np.testing.assert_array_equal(rewards[going], paid[going])
         for name in ("costs", "pose", "done_reason", "progress"):

@@ -15,6 +15,7 @@ import pytest
 
 from tests.env.handmade import canal, hairpin, ring
 from thalweg.env import ConfigError, EnvConfig
+from thalweg.env.rivers import pool as pool_module
 from thalweg.env.rivers.courses import join_courses
 from thalweg.env.rivers.memory import check_all_fit, drawn_bytes, slots_in_memory
 from thalweg.env.rivers.pool import RiverPool
@@ -50,6 +51,33 @@ def test_a_river_is_in_its_slot_until_it_is_given_back():
         pool.leave(pool.take(river))
     assert [pool.river[slot] for slot in held] == [7, 3, 5]
     assert [int(pool.courses.segments[slot]) for slot in held] == [47, 43, 45]
+
+
+def test_rivers_that_all_fit_are_prepared_in_several_threads(monkeypatch: pytest.MonkeyPatch):
+    pool = RiverPool(RiverList(different(9)), CONFIG, 2)
+    prepare, threads = RiverPool._prepare, set()
+
+    def noted(self: RiverPool, river: int):
+        threads.add(threading.get_ident())
+        time.sleep(0.02)  # so that another thread takes the next one
+        return prepare(self, river)
+
+    monkeypatch.setattr(RiverPool, "_prepare", noted)
+    monkeypatch.setattr(pool_module, "get_num_threads", lambda: 3)
+    wanted = [4, 0, 8, 4, 2, 1, 7, 3]
+    slots = list(pool.take_all(wanted))
+    assert [pool.river[slot] for slot in slots] == wanted
+    assert [int(pool.courses.segments[slot]) for slot in slots] == [40 + river for river in wanted]
+    assert len(threads) == 3
+    assert pool._uses[slots[0]] == 2
+
+
+def test_of_more_rivers_than_fit_one_is_prepared_at_a_time():
+    pool = RiverPool(RiverList(different(9), in_memory=6), CONFIG, 2)
+    for slot, river in zip(pool.take_all([1, 5, 3, 8, 7, 2]), [1, 5, 3, 8, 7, 2], strict=True):
+        assert pool.river[slot] == river
+        pool.leave(slot)
+    assert pool.most_loaded <= 6
 
 
 def test_the_river_that_was_not_used_for_longest_makes_room():

@@ -15,6 +15,7 @@ from safetensors.numpy import save
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.state import CPU, new_generator
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.plugins.lookup import find
 
 FORMAT = 2
 """Version of the policy file."""
@@ -61,11 +62,26 @@ def load_policy(path: str | Path, device: torch.device = CPU) -> Any:
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         version = header.get("format") if isinstance(header, dict) else "none"
         raise AlgorithmError(f"{path} holds a policy of format {version}, this version reads {FORMAT}")
+    if header.get("kind") not in LOADERS:
+        _load_plugin(path, header)
     try:
         about = About(header["algorithm"], header["config"], header["context"])
         return LOADERS[header["kind"]](header, tensors, about, new_generator(device))
     except (KeyError, RuntimeError, TypeError) as error:
         raise AlgorithmError(f"the tensors of {path} do not match its header: {error}") from error
+
+
+def _load_plugin(path: Path, header: dict[str, Any]) -> None:
+    """Load the plug-in of a policy's algorithm, which registers the loader of its kind of policy.
+
+    Raises `AlgorithmError` if there is none, and `PluginError` if it cannot be loaded.
+    """
+    algorithm = str(header.get("algorithm"))
+    if find("thalweg.algorithms", algorithm) is None or header.get("kind") not in LOADERS:
+        raise AlgorithmError(
+            f"{path} holds a policy of the kind {header.get('kind')!r}, of the algorithm {algorithm!r}, which does not"
+            " come with the package: name the plug-in that loads it, such as --plugin mine.py"
+        )
 
 
 def tensors_of(tensors: dict[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:

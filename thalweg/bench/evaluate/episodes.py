@@ -14,8 +14,10 @@ from thalweg.world.record import River
 
 ALL_REASONS = tuple(reason.label for reason in DoneReason if reason >= 0)
 """Reasons for the end of an episode, in the order of the codes of `thalweg.env.DoneReason`."""
-REASONS = tuple(reason for reason in ALL_REASONS if reason != DoneReason.COST_INCURRED.label)
-"""Those of the paper, which the tables and figures of reports count."""
+FIRST_COST = DoneReason.COST_INCURRED.label
+"""Reason of episodes that the first cost of a task ended, see `EnvConfig.hard`."""
+REASONS = tuple(reason for reason in ALL_REASONS if reason != FIRST_COST)
+"""Those of the paper, which the tables and figures of reports count; `FIRST_COST` too in results of the hard mode."""
 REASON_TEXT = dict(
     zip(
         ALL_REASONS,
@@ -69,6 +71,10 @@ class Episode:
     """Number of moves that the shield replaced."""
     ahead: float | None = None
     """Share of the segments ahead of the start, on an open course, that were visited; None on a loop, where all are."""
+    version: int = 0
+    """Version of the plug-in that trained the policy, or of a function that flies; 0 for one of the package."""
+    source: str = ""
+    """Hash of the source of that plug-in or function."""
 
 
 END_COLUMNS = ("end_x", "end_y", "end_z")
@@ -77,8 +83,12 @@ SHIELD_COLUMNS = ("shield", "vetoes")
 """Columns that only files with shielded flights have."""
 OPEN_COLUMNS = ("ahead",)
 """Columns that only files with flights along open courses have."""
+PLUGIN_COLUMNS = ("version", "source")
+"""Columns that only files with flights of policies from outside the package have."""
 COLUMNS = tuple(
-    field.name.rstrip("_") for field in fields(Episode) if field.name not in (*SHIELD_COLUMNS, *OPEN_COLUMNS)
+    field.name.rstrip("_")
+    for field in fields(Episode)
+    if field.name not in (*SHIELD_COLUMNS, *OPEN_COLUMNS, *PLUGIN_COLUMNS)
 )
 
 
@@ -101,6 +111,7 @@ def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
     """Write the rows as CSV, atomically."""
     columns = COLUMNS + (SHIELD_COLUMNS if any(row.shield for row in episodes) else ())
     columns += OPEN_COLUMNS if any(row.ahead is not None for row in episodes) else ()
+    columns += PLUGIN_COLUMNS if any(row.source for row in episodes) else ()
     attributes = ["return_" if name == "return" else name for name in columns]
     values = [[getattr(row, name) for name in attributes] for row in episodes]
     rows = [[int(value) if isinstance(value, bool) else value for value in row] for row in values]
@@ -113,6 +124,7 @@ def read_episodes(path: Path) -> list[Episode]:
     parse["share"] = lambda text: float(text) if text else None
     episodes = []
     defaults = dict.fromkeys(END_COLUMNS, "nan") | dict.fromkeys(OPEN_COLUMNS, "") | dict.fromkeys(SHIELD_COLUMNS, "0")
+    defaults |= {"version": "0", "source": ""}
     for number, row in enumerate(read_csv(path, [name for name in COLUMNS if name not in END_COLUMNS]), start=2):
         texts = defaults | row
         try:

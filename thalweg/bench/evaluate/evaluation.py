@@ -7,7 +7,7 @@ the batch.
 
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,8 @@ from thalweg.env.pilot.in_rivers import PILOTS
 from thalweg.env.spaces import CHANNELS
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.train.encoder_of_run import context_of
+from thalweg.train.folder.run_record import PLUGIN
 from thalweg.train.observations import feels, observation_of
 from thalweg.world import World
 
@@ -219,8 +221,16 @@ def evaluate(
         _, reward, _, _, info = env.step(actions)
         totals.add(flying, reward, info)
     env.close()
-    rows = totals.rows(course, label)
+    version, source = made_by(policy)
+    rows = [replace(row, version=version, source=source) for row in totals.rows(course, label)]
     return rows if shield is None else shield.marked(rows)
+
+
+def made_by(policy: Any) -> tuple[int, str]:
+    """Return the version of the plug-in or function that a policy is from, and the hash of its source; 0 and an empty
+    text for a policy of the package."""
+    plugin = context_of(policy).get(PLUGIN, {})
+    return plugin.get("version", 0), plugin.get("source", "")
 
 
 def player_of(policy: Policy | RecurrentPolicy, generator: torch.Generator, *, deterministic: bool = False) -> Player:

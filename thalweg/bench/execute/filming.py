@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from thalweg.bench.evaluate.episodes import REASON_TEXT, REASONS, Episode
+from thalweg.bench.evaluate.episodes import ALL_REASONS, REASON_TEXT, Episode
 from thalweg.bench.evaluate.progress import progress_bar, track_frames
 from thalweg.bench.execute.backend import Backend
 from thalweg.bench.pictures.film_format import LARGE, SMALL
@@ -150,5 +150,5 @@ def _best(flights: list[tuple[Run, Episode]]) -> tuple[Run, Episode]:
 def _most_frequent(failed: list[Episode]) -> tuple[str, int]:
     """Return the most frequent reason for the ends of flights, and its number of occurrences."""
     counts = Counter(episode.reason for episode in failed)
-    reason = max(REASONS, key=lambda reason: counts[reason])
+    reason = max(ALL_REASONS, key=lambda reason: counts[reason])
     return reason, counts[reason]

@@ -6,6 +6,7 @@ were made with other versions are outdated and done again.
 """
 
 import json
+import warnings
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,10 +23,17 @@ from thalweg.bench.report.report import Report, write_report
 from thalweg.bench.results.outdated import discard, is_current, prepare
 from thalweg.bench.results.reading import read_results, with_films
 from thalweg.bench.results.results import Results, RunRow, read_runs, write_runs
-from thalweg.bench.results.run_versions import current_versions, some_critics_are_asymmetric
+from thalweg.bench.results.run_versions import (
+    current_sources,
+    current_versions,
+    read_sources,
+    read_versions,
+    some_critics_are_asymmetric,
+)
 from thalweg.bench.suite.config import Run, Suite
 from thalweg.bench.suite.record import read_suite
 from thalweg.core.machine import machine_info, package_versions
+from thalweg.core.plugins.record import PluginWarning, changed_source
 from thalweg.core.run_folder import FolderKind
 from thalweg.core.suggestion import did_you_mean
 from thalweg.env import EnvConfig
@@ -74,6 +82,7 @@ def run_suite(
     requested = selected_runs(suite, only)
     claim(folder, suite)
     backend = backend or RiverBackend(suite)
+    _warn_of_changed_sources(suite, folder, requested)
     rows = {row.run: row for row in read_runs(folder)}
     pending = [run for run in requested if not _is_finished(run, suite, folder, rows.get(run.name))]
     _prepare(suite, folder, pending, console)
@@ -149,9 +158,25 @@ def _versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
     )
 
 
+def _warn_of_changed_sources(suite: Suite, folder: Path, runs: Sequence[Run]) -> None:
+    """Warn once of each plug-in whose source has changed since a run of the folder, and whose version has not."""
+    recorded, made_with, warned = read_sources(folder), read_versions(folder), set[str]()
+    for run in runs:
+        current, versions = current_sources(suite.algorithms_of(run)), _versions_of(suite, run)
+        for name, before in recorded.get(run.name, {}).items():
+            same = made_with.get(run.name, {}).get(name) == versions.get(name)
+            if same and name not in warned and current.get(name, before) != before:
+                where = f"run {run.name} in {folder}"
+                warnings.warn(changed_source(name, where, before, current[name]), PluginWarning, stacklevel=3)
+                warned.add(name)
+
+
 def _prepare(suite: Suite, folder: Path, runs: Sequence[Run], console: Console) -> None:
     """Set outdated runs aside, and say how many are done again."""
-    outcomes = Counter(prepare(folder, run, suite.trials(run), _versions_of(suite, run)) for run in runs)
+    outcomes = Counter(
+        prepare(folder, run, suite.trials(run), _versions_of(suite, run), current_sources(suite.algorithms_of(run)))
+        for run in runs
+    )
     for outcome in ("trained", "flown"):
         if count := outcomes[outcome]:
             console.print(

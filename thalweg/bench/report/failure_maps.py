@@ -3,7 +3,7 @@
 The rivers are built from the levels and seeds that the results name.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from matplotlib import rc_context
@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
-from thalweg.bench.evaluate.episodes import REASON_TEXT, REASONS, Episode
+from thalweg.bench.evaluate.episodes import REASON_TEXT, Episode
 from thalweg.bench.report.figures import REASON_COLOURS, STYLE
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
@@ -25,8 +25,6 @@ from thalweg.world.map_image import DECK, view
 
 WATER, LAND, SHORE, RAIL = "#bcd7e6", "#eef0e6", "#9aa58b", "#7a6f58"
 COLUMNS = 4
-FAILED = [reason for reason in REASONS if reason != "Success"]
-COLOURS = dict(zip(REASONS, REASON_COLOURS, strict=True))
 
 
 def failure_maps(results: Results, level: str, world: World) -> Figure | None:
@@ -41,6 +39,7 @@ def failure_maps(results: Results, level: str, world: World) -> Figure | None:
     panels = {name: rows for name, rows in on_level.items() if not np.isnan([row.end_x for row in rows]).any()}
     if not panels:
         return None
+    failures = [reason for reason in results.reasons if reason != "Success"]
     lines = -(-len(panels) // COLUMNS)
     east, north = (np.ptp(world.river.position_m[:, axis]) + 60.0 for axis in (0, 1))
     with rc_context(STYLE | {"axes.grid": False}):
@@ -49,13 +48,13 @@ def failure_maps(results: Results, level: str, world: World) -> Figure | None:
         for axis in axes[len(panels) :]:
             axis.set_visible(False)
         for axis, (name, rows) in zip(axes, panels.items(), strict=False):
-            _draw_panel(axis, world, rows)
+            _draw_panel(axis, world, rows, failures)
             failed = sum(not row.success for row in rows)
             axis.set_title(f"{name}: {failed} of {len(rows)} failed", fontsize=8)
         handles: list[Artist] = [
-            Line2D([], [], marker="o", markersize=4, linestyle="", color=COLOURS[reason]) for reason in FAILED
+            Line2D([], [], marker="o", markersize=4, linestyle="", color=REASON_COLOURS[reason]) for reason in failures
         ]
-        labels = [REASON_TEXT[reason] for reason in FAILED]
+        labels = [REASON_TEXT[reason] for reason in failures]
         for name, face, edge, shown in (("bridge", DECK, RAIL, world.bridges), ("island", LAND, SHORE, world.islands)):
             if len(shown):
                 handles.append(Patch(facecolor=face, edgecolor=edge, linewidth=0.5))
@@ -107,8 +106,9 @@ def _world(results: Results, level: str) -> World | None:
     return load_or_build(level_named(level), seeds.pop())
 
 
-def _draw_panel(axis, world: World, rows: list[Episode]) -> None:
-    """Draw the river from above with its islands and bridges, and the ends of failed episodes on it."""
+def _draw_panel(axis, world: World, rows: list[Episode], failures: Sequence[str]) -> None:
+    """Draw the river from above with its islands and bridges, and on it the ends of episodes with one of the
+    `failures`."""
     river = world.river
     side = 0.5 * river.width_m[:, None] * np.column_stack([-river.tangent[:, 1], river.tangent[:, 0]])
     left, right = river.position_m[:, :2] + side, river.position_m[:, :2] - side
@@ -119,9 +119,9 @@ def _draw_panel(axis, world: World, rows: list[Episode]) -> None:
     axis.add_collection(PolyCollection(shores, facecolors=LAND, edgecolors=SHORE, linewidths=0.5, label="islands"))
     decks = [deck(bridge) for bridge in world.bridges]
     axis.add_collection(PolyCollection(decks, facecolors=DECK, edgecolors=RAIL, linewidths=0.5, label="bridges"))
-    for reason in FAILED:
+    for reason in failures:
         ends = np.array([(row.end_x, row.end_y) for row in rows if row.reason == reason]).reshape(-1, 2)
-        axis.scatter(*ends.T, s=9, color=COLOURS[reason], edgecolors="#333", linewidths=0.25, zorder=3)
+        axis.scatter(*ends.T, s=9, color=REASON_COLOURS[reason], edgecolors="#333", linewidths=0.25, zorder=3)
     axis.set_facecolor(LAND)
     axis.set_aspect("equal")
     axis.set_xticks([])

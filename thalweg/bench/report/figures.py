@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from thalweg.algos.interface import MEAN_EPISODES
-from thalweg.bench.evaluate.episodes import REASON_TEXT, REASONS
+from thalweg.bench.evaluate.episodes import ALL_REASONS, REASON_TEXT
 from thalweg.bench.report.policies import seeds_text
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import (
@@ -27,8 +27,14 @@ MOST_TOGETHER = 5
 """Most policies whose training curves can be told apart in one panel."""
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f5539", "#444444", "#a2a500", "#8338ec")
 """Colours of the algorithms, in order; the first ones can be told apart by colour-blind people (Okabe and Ito 2008)."""
-REASON_COLOURS = ("#8c1d18", "#d6453d", "#f2a099", "#e9c46a", "#c2b68c", "#8d99ae", "#2a9d6f")
-"""Colours of `REASONS`: tight violations red, loose ones yellow to grey, success green."""
+REASON_COLOURS = dict(
+    zip(
+        ALL_REASONS,
+        ("#8c1d18", "#d6453d", "#f2a099", "#e9c46a", "#c2b68c", "#8d99ae", "#2a9d6f", "#7b5ea7"),
+        strict=True,
+    )
+)
+"""Colour of each reason: tight violations red, loose ones yellow to grey, success green, the cost of a task purple."""
 
 STYLE: Any = {
     "font.size": 9,
@@ -163,9 +169,9 @@ def failure_bars(results: Results) -> Figure:
         for axis, level in zip(axes, results.levels, strict=True):
             level_summaries = [by_policy_and_level.get((name, level)) for name in names]
             left = np.zeros(len(names))
-            for reason, colour in zip(REASONS, REASON_COLOURS, strict=True):
+            for reason in results.reasons:
                 shares = [cell.reasons[reason] / cell.episodes if cell else 0.0 for cell in level_summaries]
-                axis.barh(names, shares, left=left, color=colour, label=REASON_TEXT[reason], height=0.7)
+                axis.barh(names, shares, left=left, color=REASON_COLOURS[reason], label=REASON_TEXT[reason], height=0.7)
                 left += shares
             for row, (name, cell) in enumerate(zip(names, level_summaries, strict=True)):
                 _label_gap(axis, row, results, name, cell)

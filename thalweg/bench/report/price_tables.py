@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from thalweg.algos.registry import ALGORITHMS
+from thalweg.algos.registry import installed_algorithm
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.fronts.fronts import PACKAGED_FRONTS, FrontPoint, front_of, points_of, read_fronts
 from thalweg.bench.report.policies import evaluated_seeds, limit_met, train_level, trained_policies
@@ -44,11 +44,12 @@ def limit_of(results: Results, policy: str) -> float | None:
     """Return the cost limit of an episode that a policy was trained with; None for one without."""
     name = results.outdated[policy].policy if policy in results.outdated else policy
     arm = next((arm for arm in arms_of(results.suite) if arm["name"] == name), None)
-    if arm is None or arm.get("algorithm") not in ALGORITHMS:
+    entry = None if arm is None else installed_algorithm(arm.get("algorithm", ""))
+    if arm is None or entry is None:
         return None
-    algorithm, settings, preset = stages_of(arm)[-1]
+    _, settings, preset = stages_of(arm)[-1]
     num_envs = results.suite.get("num_envs", 1)
-    return getattr(ALGORITHMS[algorithm].configure(dict(settings), preset, num_envs), "cost_limit", None)
+    return getattr(entry.configure(dict(settings), preset, num_envs), "cost_limit", None)
 
 
 def by_seed(episodes: Sequence[Episode], figure: Callable[[Sequence[Episode]], float]) -> Estimate:

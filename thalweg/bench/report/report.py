@@ -12,6 +12,7 @@ from thalweg.bench.report.figures import fix_layout, pdf, png
 from thalweg.bench.report.page import page
 from thalweg.bench.report.sections import SECTIONS, FigureSection, TableSection
 from thalweg.bench.report.table import latex, markdown
+from thalweg.bench.results.plugin_notes import plugin_notes
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import MAIN_FILE, MAIN_FILM, Results
 from thalweg.core.atomic_io import write_atomic
@@ -91,6 +92,7 @@ def problems(results: Results) -> list[str]:
     lines = [f"Run {row.run} {row.status}: {row.error}" for row in results.runs if row.status != "finished"]
     for name, film in results.films.items():
         lines += [f"No film{'' if name == MAIN_FILM else f' {name}'}: {film.words}"] if film.path is None else []
+    lines += plugin_notes(results)
     lines += [f"Not used: {line}" for line in results.skipped]
     lines += [f"Outdated: {name}; the suite runs it again" for name in results.outdated]
     planned = results.planned_flights

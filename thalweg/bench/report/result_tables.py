@@ -1,8 +1,9 @@
 """The paper's table of returns and costs with published figures beside it, and the table of details."""
 
+from collections.abc import Callable, Sequence
 from itertools import product
 
-from thalweg.bench.evaluate.episodes import REASONS
+from thalweg.bench.evaluate.episodes import FIRST_COST, Episode
 from thalweg.bench.report.policies import seeds_text
 from thalweg.bench.report.published import PUBLISHED, Published
 from thalweg.bench.report.table import PAPER, Table, estimate_figures, frame
@@ -13,7 +14,8 @@ from thalweg.bench.results.statistics import Summary, group_episodes, mean_and_s
 UNPUBLISHED = "not published"
 """Text where the paper gives no figure for a level on which it has others."""
 STATISTICS = ("return_mean", "return_std", "cost_mean", "cost_std", "success", "tight", "loose", "length_mean")
-PAPER_FIGURES = ("source", "algorithm", "level", "episodes", "seeds", "planned_seeds", *STATISTICS, *REASONS)
+PAPER_FIGURES = ("source", "algorithm", "level", "episodes", "seeds", "planned_seeds", *STATISTICS)
+"""Columns of the figures, before a count for each of the `Results.reasons`."""
 PAPER_EPISODES, PAPER_SEEDS = 60, 3
 """Episodes and seeds of each published figure."""
 
@@ -46,7 +48,7 @@ def paper_table(results: Results) -> Table:
         for pair in pairs
         for row in _paper_figures(results, by_policy_and_level.get(pair), published.get(pair), *pair)
     ]
-    return Table(frame(columns, rows), frame(PAPER_FIGURES, figures))
+    return Table(frame(columns, rows), frame((*PAPER_FIGURES, *results.reasons), figures))
 
 
 def _measured_texts(results: Results, algorithm: str, cell: Summary | None) -> tuple[str, str]:
@@ -73,9 +75,13 @@ def _published_texts(algorithm: str, level: str) -> tuple[str, str]:
 def _paper_figures(
     results: Results, cell: Summary | None, published: Published | None, algorithm: str, level: str
 ) -> list[list[object]]:
-    """Rows of `PAPER_FIGURES` for a policy on a level: ours, and the published one if there is one."""
-    blanks = [None] * (len(STATISTICS) + len(REASONS))
-    numbers = [*(getattr(cell, name) for name in STATISTICS), *cell.reasons.values()] if cell else blanks
+    """Rows of the figures for a policy on a level: ours, and the published one if there is one."""
+    blanks = [None] * (len(STATISTICS) + len(results.reasons))
+    numbers = (
+        [*(getattr(cell, name) for name in STATISTICS), *(cell.reasons[reason] for reason in results.reasons)]
+        if cell
+        else blanks
+    )
     counts = [cell.episodes, cell.seeds] if cell else [0, 0]
     rows: list[list[object]] = [["thalweg", algorithm, level, *counts, results.planned_seeds(algorithm), *numbers]]
     if published is not None:
@@ -85,52 +91,40 @@ def _paper_figures(
     return rows
 
 
-DETAILS = (
-    "policy",
-    "level",
-    "episodes",
-    "seeds",
-    "return, IQM",
-    "return, IQM (bootstrap)",
-    "success",
-    "tight violation",
-    "loose violation",
-    "course flown",
-    "steps",
-)
-DETAIL_ESTIMATES = ("return_iqm", "return_iqm_bootstrap", "success", "tight", "loose")
-"""Names of the estimates among the figures, each with the ends of its interval."""
-DETAIL_FIGURES = (
-    *("algorithm", "level", "episodes", "seeds", "planned_seeds"),
-    *(f"{name}{end}" for name in DETAIL_ESTIMATES for end in ("", "_low", "_high")),
-    *("progress_mean", "length_mean"),
-)
+DETAILS: dict[str, tuple[str, Callable[[Sequence[Episode]], Estimate]]] = {
+    "return, IQM": ("return_iqm", iqm_return),
+    "return, IQM (bootstrap)": ("return_iqm_bootstrap", bootstrap_iqm_return),
+    "success": ("success", lambda rows: proportion(rows, lambda row: row.success)),
+    "tight violation": ("tight", lambda rows: proportion(rows, lambda row: row.tight > 0)),
+    "loose violation": ("loose", lambda rows: proportion(rows, lambda row: row.loose > 0)),
+    "ended by a cost": ("cost_incurred", lambda rows: proportion(rows, lambda row: row.reason == FIRST_COST)),
+}
+"""Estimates by their headings: their name among the figures, and how they are computed from episodes."""
+HARD_DETAILS = ("ended by a cost",)
+"""Those of results of the hard mode only."""
 
 
 def detail_table(results: Results) -> Table:
     """Return the details that the paper's table leaves out, one row per policy and level, with 95 % intervals."""
     by_policy_and_level, groups = summaries(results.episodes), group_episodes(results.episodes)
+    shown = {heading: each for heading, each in DETAILS.items() if results.hard or heading not in HARD_DETAILS}
+    columns = ["policy", "level", "episodes", "seeds", *shown, "course flown", "steps"]
+    named = [f"{name}{end}" for name, _ in shown.values() for end in ("", "_low", "_high")]
+    counted = ["algorithm", "level", "episodes", "seeds", "planned_seeds", *named, "progress_mean", "length_mean"]
     texts, figures = [], []
     for algorithm, level in product(results.policies, results.levels):
         cell, planned = by_policy_and_level.get((algorithm, level)), results.planned_seeds(algorithm)
         seeds = seeds_text(results, algorithm, cell.seeds if cell else 0)
         if cell is None:
             gap = results.gap(algorithm)
-            texts.append([algorithm, level, gap, seeds, *[gap] * (len(DETAILS) - 4)])
-            figures.append([algorithm, level, 0, 0, planned, *[None] * (len(DETAIL_FIGURES) - 5)])
+            texts.append([algorithm, level, gap, seeds, *[gap] * (len(columns) - 4)])
+            figures.append([algorithm, level, 0, 0, planned, *[None] * (len(counted) - 5)])
             continue
-        rows = groups[algorithm, level]
-        estimates: tuple[Estimate, ...] = (
-            iqm_return(rows),
-            bootstrap_iqm_return(rows),
-            proportion(rows, lambda row: row.success),
-            proportion(rows, lambda row: row.tight > 0),
-            proportion(rows, lambda row: row.loose > 0),
-        )
+        estimates = [estimate(groups[algorithm, level]) for _, estimate in shown.values()]
         ahead = "" if cell.ahead_mean is None else f" ({cell.ahead_mean:.0%} of what lay ahead)"
         means = [f"{cell.progress_mean:.0%}{ahead}", f"{cell.length_mean:.0f}"]
         texts.append([algorithm, level, str(cell.episodes), seeds, *map(str, estimates), *means])
         numbers = [number for estimate in estimates for number in estimate_figures(estimate)]
         counts = [cell.episodes, cell.seeds, planned]
         figures.append([algorithm, level, *counts, *numbers, cell.progress_mean, cell.length_mean])
-    return Table(frame(DETAILS, texts), frame(DETAIL_FIGURES, figures))
+    return Table(frame(columns, texts), frame(counted, figures))

@@ -1,10 +1,13 @@
 """The table of the suite's algorithms, and that of its runs."""
 
+from collections.abc import Mapping
+from typing import Any
+
 from thalweg.algos.constraint.multiplier import MultiplierConfig
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.onpolicy.config import OnPolicyConfig
 from thalweg.algos.planning.config import PlanningConfig
-from thalweg.algos.registry import ALGORITHMS, Entry
+from thalweg.algos.registry import Entry, installed_algorithm
 from thalweg.bench.report.table import Cell, Table, frame, table_from_cells
 from thalweg.bench.results.results import RUN_COLUMNS, Results
 from thalweg.bench.suite.record import arms_of
@@ -30,17 +33,29 @@ def algorithm_table(results: Results) -> Table:
     """Return the domain and the method of each arm of the suite; `unknown` where its algorithm no longer exists.
 
     What the policies see is a column where it is not frames for all of them, and what critics see in training where
-    some see more.
+    some see more, and so are version and source of plug-ins.
     """
     columns, rows, seen = ["policy", "domain", "limit kept by", "method"], list[list[Cell]](), results.observations
     differs, told = any(observation != FRAMES for observation in seen.values()), results.with_asymmetric_critics
-    columns += ["observation"] * differs + ["critics see"] * bool(told)
+    plugins = {arm["name"]: _plugin_of(results, arm) for arm in arms_of(results.suite)}
+    columns += ["observation"] * differs + ["critics see"] * bool(told) + ["plug-in"] * any(plugins.values())
     for arm in arms_of(results.suite):
-        entry = ALGORITHMS.get(arm["algorithm"])
+        entry = installed_algorithm(arm["algorithm"])
         rest = ["unknown"] * 3 if entry is None else [domain(entry), constraint_method(entry), entry.about]
         critics = SEEN_BY_CRITICS[arm["name"] in told]
         rows.append([arm["name"], *rest, *[seen[arm["name"]]] * differs, *[critics] * bool(told)])
+        rows[-1] += [plugins[arm["name"]] or "none"] * any(plugins.values())
     return table_from_cells(columns, rows)
+
+
+def _plugin_of(results: Results, arm: Mapping[str, Any]) -> str:
+    """Return version and source of the plug-ins that the runs of an arm were made with; empty without any."""
+    found: dict[str, None] = {}
+    for seed in arm["seeds"]:
+        run = f"{arm['name']}-{seed}"
+        for name, source in results.sources.get(run, {}).items():
+            found[f"{name} {results.versions[run].get(name)} ({source})"] = None
+    return ", ".join(found)
 
 
 def runs_table(results: Results) -> Table:

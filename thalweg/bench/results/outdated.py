@@ -14,7 +14,14 @@ from pathlib import Path
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.results.results import evaluation_path, read_runs, write_runs
-from thalweg.bench.results.run_versions import Versions, needs_training, read_versions, write_versions
+from thalweg.bench.results.run_versions import (
+    Sources,
+    Versions,
+    needs_training,
+    read_sources,
+    read_versions,
+    write_versions,
+)
 from thalweg.bench.suite.config import Run
 
 FOLDER = "outdated"
@@ -37,13 +44,19 @@ class _Store:
         """The run's versions; None if they are not recorded."""
         return read_versions(self.folder).get(self.run.name)
 
-    def set_versions(self, recorded: Versions | None) -> None:
-        """Record the run's versions; None removes them."""
-        known = read_versions(self.folder)
+    @property
+    def sources(self) -> Sources:
+        """Hashes of the sources of plug-ins that the run was made with."""
+        return read_sources(self.folder).get(self.run.name, {})
+
+    def set_versions(self, recorded: Versions | None, sources: Sources | None = None) -> None:
+        """Record the run's versions, and the hashes of its plug-ins' sources; None removes them."""
+        known, hashes = read_versions(self.folder), read_sources(self.folder)
         others = {name: versions for name, versions in known.items() if name != self.run.name}
         changed = others if recorded is None else known | {self.run.name: recorded}
-        if changed != known:
-            write_versions(self.folder, changed)
+        changed_hashes = hashes | {self.run.name: sources or {}}
+        if changed != known or (sources or {}) != hashes.get(self.run.name, {}):
+            write_versions(self.folder, changed, changed_hashes)
 
     def evaluations(self) -> list[Path]:
         """The evaluation files of the run that exist."""
@@ -85,12 +98,12 @@ class _Store:
             os.rename(self.run_folder, target.run_folder)
 
 
-def prepare(folder: Path, run: Run, trials: Iterable[Trial], current: Versions) -> str:
+def prepare(folder: Path, run: Run, trials: Iterable[Trial], current: Versions, sources: Sources | None = None) -> str:
     """Make a results folder ready for a run with the current versions; returns what is done again.
 
     Files of the run with other versions are set aside: its evaluations, and its training if that is outdated too. If
-    finished ones are set aside already, later unfinished ones are removed instead. Returns `trained`, `flown` or an
-    empty string for a run that is new or continues.
+    finished ones are set aside already, later unfinished ones are removed instead. `sources` are the current hashes of
+    its plug-ins. Returns `trained`, `flown` or an empty string for a run that is new or continues.
     """
     active, outdated = (_Store(base, run, tuple(trials)) for base in (folder, folder / FOLDER))
     recorded, previous = active.versions, outdated.versions
@@ -100,13 +113,15 @@ def prepare(folder: Path, run: Run, trials: Iterable[Trial], current: Versions) 
         if not active.is_empty():
             outcome = "trained" if with_training else "flown"
             if previous is None or previous == (recorded or {}):
-                outdated.set_versions(recorded or {})
+                outdated.set_versions(recorded or {}, active.sources)
                 active.move_to(outdated, with_training=with_training)
             else:
                 active.remove(with_training=with_training)
-        active.set_versions(current)
+    if (recorded, active.sources) != (current, sources or {}):
+        active.set_versions(current, sources)
     if outdated.versions == current:  # the versions of an earlier call are the current ones again
         outdated.move_to(active, with_training=True)
+        active.set_versions(current, outdated.sources)
         outdated.set_versions(None)
         outcome = ""
     return outcome

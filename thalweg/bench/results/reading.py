@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from thalweg.algos.registry import version_of
 from thalweg.bench.csv_files import ResultsError, read_csv
 from thalweg.bench.evaluate.episodes import Episode, read_episodes
 from thalweg.bench.results.outdated import FOLDER as OUTDATED
@@ -23,8 +24,10 @@ from thalweg.bench.results.results import (
 )
 from thalweg.bench.results.run_versions import (
     GEOMETRY,
+    Sources,
     Versions,
     current_versions,
+    read_sources,
     read_versions,
     some_critics_are_asymmetric,
     version_label,
@@ -32,7 +35,6 @@ from thalweg.bench.results.run_versions import (
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.config import PACKAGED
 from thalweg.bench.suite.record import arms_of, encoder_of, observation_of, read_suite, stages_of
-from thalweg.core.versions import ALGORITHMS
 
 Value = TypeVar("Value")
 
@@ -102,6 +104,7 @@ def read_results(folder: Path, *, as_recorded: bool = False) -> Results:
         condition_episodes=by_condition,
         outdated={name: policy for name, policy in outdated.items() if name in runs.policies},
         versions=runs.versions,
+        sources=runs.sources,
     )
     _sort_episodes(results)
     return with_films(results)
@@ -133,6 +136,7 @@ class _Runs:
     by_condition: dict[str, list[Episode]]
     training: list[TrainingLog]
     versions: dict[str, Versions]
+    sources: dict[str, Sources]
 
     @property
     def policies(self) -> set[str]:
@@ -158,7 +162,12 @@ def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, O
 
     def name_of(policy: str, seed: int) -> str:
         recorded = runs.versions.get(f"{policy}-{seed}", {})
-        label = version_label(recorded, _current(suite, policy, recorded))
+        current = _current(suite, policy, recorded)
+        # The version of a plug-in that is not here cannot be compared.
+        absent = {
+            each: recorded.get(each) for each in runs.sources.get(f"{policy}-{seed}", {}) if not current.get(each)
+        }
+        label = version_label(recorded, current | absent)
         if not label:
             return policy
         found = OutdatedPolicy(policy, label)
@@ -174,10 +183,8 @@ def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, O
         suffix = f" ({outdated[name].versions})" if name in outdated else ""
         rows.append(replace(row, run=f"{row.run}{suffix}", algorithm=name))
     by_condition = {name: list(map(renamed, episodes)) for name, episodes in runs.by_condition.items()}
-    found = _Runs(
-        rows, list(map(renamed, runs.episodes)), by_condition, list(map(renamed, runs.training)), runs.versions
-    )
-    return found, outdated
+    episodes, training = (list(map(renamed, each)) for each in (runs.episodes, runs.training))
+    return _Runs(rows, episodes, by_condition, training, runs.versions, runs.sources), outdated
 
 
 def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[str, int | None]:
@@ -199,7 +206,7 @@ def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[
             task=task,
         )
     known = (
-        current_versions("train", [name for name in recorded if name in ALGORITHMS], asymmetric_critics=True)
+        current_versions("train", [name for name in recorded if version_of(name) is not None], asymmetric_critics=True)
         | current_versions("train", (), encoder=GEOMETRY)
         | current_versions("packaged", ())
         | current_versions("baseline", [policy], task=task)
@@ -231,6 +238,7 @@ def _with_outdated(runs: _Runs, outdated_runs: _Runs, outdated: Mapping[str, Out
         },
         runs.training + list(filter(is_shown, outdated_runs.training)),
         runs.versions,
+        runs.sources,
     )
 
 
@@ -270,7 +278,8 @@ class _Reader:
         versions = self.attempt(folder / "versions.json", lambda: read_versions(folder), {})
         episodes = self.episodes(folder / "evaluation", skip=[*conditions, *unknown])
         by_condition = {name: self.episodes(folder / "evaluation" / name) for name in conditions}
-        return _Runs(rows, episodes, by_condition, self.training(folder, rows), versions)
+        sources = {} if not versions else read_sources(folder)
+        return _Runs(rows, episodes, by_condition, self.training(folder, rows), versions, sources)
 
     def episodes(self, folder: Path, skip: Sequence[str] = ()) -> list[Episode]:
         """The episodes of all files in a folder, except for folders in it named in `skip`."""

@@ -18,15 +18,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from thalweg.algos.registry import version_of
 from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
 from thalweg.bench.evaluate.conditions import Trial
-from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.results.run_versions import Versions, some_critics_are_asymmetric
+from thalweg.bench.evaluate.episodes import ALL_REASONS, FIRST_COST, REASONS, Episode
+from thalweg.bench.results.run_versions import Sources, Versions, some_critics_are_asymmetric
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.config import PACKAGED
 from thalweg.bench.suite.record import arms_of, observation_of, stages_of
 from thalweg.core.atomic_io import write_atomic
-from thalweg.core.versions import ALGORITHMS
 from thalweg.train.observations import PRIVILEGED
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
@@ -128,11 +128,23 @@ class Results:
     """Policies with other versions, by the names that their runs and episodes have here."""
     versions: dict[str, Versions] = field(default_factory=dict)
     """Versions of each run, as far as they are recorded, see `thalweg.bench.results.run_versions`."""
+    sources: dict[str, Sources] = field(default_factory=dict)
+    """Hashes of the sources of the plug-ins that each run was made with; no entry for runs of the package alone."""
 
     @property
     def levels(self) -> list[str]:
         """Levels in the order of the suite, then of appearance."""
         return list(dict.fromkeys([*self.suite.get("test_levels", []), *(row.level for row in self.episodes)]))
+
+    @property
+    def hard(self) -> bool:
+        """Whether the first cost of the task ended episodes, or would have (`EnvConfig.hard`)."""
+        return bool(self.suite.get("hard")) or any(row.reason == FIRST_COST for row in self.episodes)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons for the ends of episodes that tables and figures count: `FIRST_COST` in the hard mode only."""
+        return ALL_REASONS if self.hard else REASONS
 
     @property
     def policies(self) -> list[str]:
@@ -199,7 +211,7 @@ class Results:
         recorded = [each for each in recorded if each is not None]
         if recorded and arm["name"] not in self.privileged:
             return any("privileged" in each for each in recorded)
-        return by_settings and all(each.get(arm["algorithm"]) == ALGORITHMS.get(arm["algorithm"]) for each in recorded)
+        return by_settings and all(each.get(arm["algorithm"]) == version_of(arm["algorithm"]) for each in recorded)
 
     @property
     def flights(self) -> set[tuple[str, str, int, str]]:

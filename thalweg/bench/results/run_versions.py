@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.registry import algorithm_named
+from thalweg.algos.registry import installed_algorithm, plugin_named, version_of
 from thalweg.bench.csv_files import ResultsError
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
@@ -23,11 +23,15 @@ DEFAULT, GEOMETRY = "default", "geometry"
 """Names of the encoders that come with the package."""
 STEADY = "steady"
 """The baseline that teaches imitations; its flights depend on their version."""
+SOURCES = "sources"
+"""Key of the hashes of sources of plug-ins, by name, beside the versions of a run; no run is outdated by them alone."""
 UNKNOWN = "unknown versions"
 """Label of runs from before versions were recorded."""
 
 Versions = Mapping[str, int | None]
 """Versions by what they are of; None for what this copy of Thalweg lacks."""
+Sources = Mapping[str, str]
+"""Hashes of the sources of plug-ins, by their names."""
 
 
 def current_versions(
@@ -57,7 +61,7 @@ def current_versions(
         coded = {encoder: versions.PACKAGED_GEOMETRY if encoder == GEOMETRY else None}
     if kind == "packaged":
         return rivers | render | {"packaged": versions.PACKAGED_POLICY}
-    learning = {name: versions.ALGORITHMS.get(name) for name in algorithms}
+    learning = {name: version_of(name) for name in algorithms}
     seen = (render if observation != PRIVILEGED else {}) | (coded if observation == FRAMES else {})
     if observation == PRIVILEGED or asymmetric_critics:
         seen["privileged"] = versions.PRIVILEGED
@@ -73,10 +77,17 @@ def some_critics_are_asymmetric(stages: Iterable[tuple[str, Mapping[str, Any], s
 
 
 def _critics_are_asymmetric(algorithm: str, settings: Mapping[str, Any], preset: str) -> bool:
+    entry = installed_algorithm(algorithm)
     try:
-        return has_asymmetric_critics(algorithm_named(algorithm).configure(dict(settings), preset))
+        return entry is not None and has_asymmetric_critics(entry.configure(dict(settings), preset))
     except AlgorithmError:
         return False
+
+
+def current_sources(algorithms: Iterable[str]) -> dict[str, str]:
+    """The hashes of the sources of those algorithms that are plug-ins; raises `PluginError` for one that is broken."""
+    plugins = {name: plugin_named(name) for name in algorithms}
+    return {name: plugin.source for name, plugin in plugins.items() if plugin is not None}
 
 
 def needs_training(recorded: Versions, current: Versions) -> bool:
@@ -97,6 +108,20 @@ def read_versions(folder: Path) -> dict[str, Versions]:
 
     Raises `ResultsError` for a file of another kind.
     """
+    content = _read(folder)
+    return {run: {name: each for name, each in of.items() if name != SOURCES} for run, of in content.items()}
+
+
+def read_sources(folder: Path) -> dict[str, Sources]:
+    """The hashes of the sources of plug-ins that each run was made with; no entry for a run of the package alone.
+
+    Raises `ResultsError` as `read_versions` does.
+    """
+    return {run: of[SOURCES] for run, of in _read(folder).items() if SOURCES in of}
+
+
+def _read(folder: Path) -> dict[str, Any]:
+    """The content of `versions.json`; empty without the file. Raises `ResultsError` for one of another kind."""
     path = folder / FILE
     if not path.exists():
         return {}
@@ -110,11 +135,20 @@ def read_versions(folder: Path) -> dict[str, Versions]:
 
 
 def _are_versions(recorded: object) -> bool:
-    numbers = recorded.values() if isinstance(recorded, dict) else [""]
-    return all(number is None or type(number) is int for number in numbers)
+    if not isinstance(recorded, dict):
+        return False
+    sources = recorded.get(SOURCES, {})
+    numbers = (each for name, each in recorded.items() if name != SOURCES)
+    texts = sources.values() if isinstance(sources, dict) else [None]
+    return all(each is None or type(each) is int for each in numbers) and all(isinstance(each, str) for each in texts)
 
 
-def write_versions(folder: Path, recorded: Mapping[str, Versions]) -> None:
-    """Write `versions.json` atomically, one line for each run."""
-    lines = [f" {json.dumps(run)}: {json.dumps(dict(versions))}" for run, versions in recorded.items()]
+def write_versions(
+    folder: Path, recorded: Mapping[str, Versions], sources: Mapping[str, Sources] | None = None
+) -> None:
+    """Write `versions.json` atomically, one line for each run; `sources` of plug-ins by run, none by default."""
+    lines = []
+    for run, made_with in recorded.items():
+        of_plugins = {SOURCES: dict(found)} if (found := (sources or {}).get(run)) else {}
+        lines.append(f" {json.dumps(run)}: {json.dumps({**made_with, **of_plugins})}")
     write_atomic(folder / FILE, "{\n" + ",\n".join(lines) + "\n}\n")

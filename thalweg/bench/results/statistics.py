@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thalweg.algos.interface import MEAN_EPISODES
-from thalweg.bench.evaluate.episodes import REASONS, Episode
+from thalweg.bench.evaluate.episodes import ALL_REASONS, Episode
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Summary:
     length_mean: float
     progress_mean: float
     reasons: dict[str, int]
-    """Number of episodes that ended for each of `REASONS`."""
+    """Number of episodes that ended for each of `ALL_REASONS`."""
     ahead_mean: float | None = None
     """Mean share flown of what lay ahead of the starts on an open course; None on a loop."""
 
@@ -55,7 +55,7 @@ def summarise(rows: Sequence[Episode]) -> Summary:
         loose=float(np.mean([row.loose > 0 for row in rows])),
         length_mean=float(np.mean([row.length for row in rows])),
         progress_mean=float(np.mean([row.progress for row in rows])),
-        reasons={reason: counts[reason] for reason in REASONS},
+        reasons={reason: counts[reason] for reason in ALL_REASONS},
         ahead_mean=float(np.mean(ahead)) if len(ahead) == len(rows) else None,
     )
 

@@ -10,11 +10,12 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.registry import ALGORITHMS
+from thalweg.algos.registry import algorithm_named, algorithm_names
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, NAME, SHIELDED, Condition, Trial
 from thalweg.core.config import TupleOf, WholeNumber, frozen_config, refuse_unknown, to_plain
+from thalweg.core.plugins.record import PluginError
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.env.tasks import TaskName
 from thalweg.train.errors import TrainingError
@@ -67,7 +68,7 @@ class Arm:
     """An algorithm with its settings, trained once with each seed."""
 
     algorithm: str
-    """Name of the algorithm in the registry."""
+    """Name of the algorithm in the registry, or of a plug-in."""
     preset: str = "default"
     settings: Mapping[str, Any] = field(default_factory=dict)
     """Settings of the algorithm that replace those of the preset; plain data."""
@@ -177,10 +178,10 @@ class Suite:
         for arm in self.arms:
             for index, each in enumerate((*arm.before, arm)):
                 try:
-                    config = ALGORITHMS[each.algorithm].configure(dict(each.settings), each.preset, self.num_envs)
+                    config = algorithm_named(each.algorithm).configure(dict(each.settings), each.preset, self.num_envs)
                     if index:  # it begins with the policy of the stage before
                         check_warmup(config, each.steps, self.num_envs)
-                except (AlgorithmError, TrainingError) as error:
+                except (AlgorithmError, PluginError, TrainingError) as error:
                     stage = f", stage {index + 1}" if arm.before else ""
                     raise ValueError(f"suite {self.name}, {arm.label}{stage}: {error}") from error
         return self
@@ -190,7 +191,7 @@ class Suite:
         stages = [stage for arm in self.arms for stage in arm.before]
         levels = [arm.level for arm in self.arms if arm.level] + [stage.level for stage in stages]
         for what, names, known in (
-            ("algorithm", [each.algorithm for each in (*self.arms, *stages)], ALGORITHMS),
+            ("algorithm", [each.algorithm for each in (*self.arms, *stages)], algorithm_names()),
             ("level", [self.train_level, *self.test_levels, *levels], LEVELS),
             ("baseline", self.baselines, BASELINES),
         ):
@@ -235,6 +236,13 @@ class Suite:
     def arm(self, label: str) -> Arm:
         """Return the arm with a label."""
         return next(arm for arm in self.arms if arm.label == label)
+
+    def algorithms_of(self, run: Run) -> list[str]:
+        """Return the algorithms of all stages of a run's training; none for a policy that is not trained."""
+        if run.kind != "train":
+            return []
+        arm = self.arm(run.algorithm)
+        return [stage.algorithm for stage in (*arm.before, arm)]
 
     def level_of(self, arm: Arm) -> str:
         """Return the level of an arm's last stage of training."""

@@ -41,13 +41,6 @@ def frame_at(courses, world, start_arc, travel, ahead):
 
 
 @kernel(fastmath=False, allocates=False)
-def offset_of(reach, point, points):
-    """Return how many metres one of some points across lies to the left of the centre line, seen in the direction of
-    travel."""
-    return reach * (2.0 * point / (points - 1) - 1.0)
-
-
-@kernel(fastmath=False, allocates=False)
 def metres_to_the_left(courses, world, start_arc, travel, ahead, x, y):
     """Return how many metres to the left of the centre line a point is, seen in the direction of travel."""
     _, cx, cy, course = frame_at(courses, world, start_arc, travel, ahead)

@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from thalweg.core.compute.jit import kernel
-from thalweg.env.oracle.ahead import frame_at, offset_of
+from thalweg.env.oracle.ahead import frame_at
+from thalweg.env.pilot.points_across import hindrance, offset_of
 from thalweg.env.task.motion import Pose
 from thalweg.env.task.priced.clearance import clearance
 from thalweg.env.task.progress import Projection, interpolate
@@ -25,8 +26,6 @@ KEPT_WEIGHT = 0.5
 """Steps for each metre of missing clearance and metre of way, without a price."""
 LAND = 1.0e4
 """Steps for a metre over an island; more than any way round it."""
-STEEPEST = 1.0
-"""Greatest slope of a lane against the course."""
 
 
 @kernel(fastmath=False)
@@ -67,14 +66,9 @@ def _fill_point(courses, world, pace, plan, row, ahead, point, weight):
     for after in range(POINTS):
         nx = plan.place[row, ahead + 1, after, 0]
         ny = plan.place[row, ahead + 1, after, 1]
-        length = math.hypot(nx - x, ny - y)
-        aside = abs(offset_of(plan.reach[row, ahead + 1], after, POINTS) - offset)
-        steps = length / pace * (1.0 + weight[after])
-        steep = aside - length * STEEPEST / math.sqrt(1.0 + STEEPEST * STEEPEST)
-        if steep > 0.0:
-            steps += LAND * steep
-        if island_at(courses, world, 0.5 * (x + nx), 0.5 * (y + ny)) >= 0:
-            steps += LAND
+        steps = math.hypot(nx - x, ny - y) / pace * (1.0 + weight[after])
+        aside = offset_of(plan.reach[row, ahead + 1], after, POINTS) - offset
+        steps += LAND * hindrance(courses, world, x, y, nx, ny, aside)
         total = steps + plan.lane_steps[row, ahead + 1, after]
         if total < best:
             best = total
@@ -94,3 +88,17 @@ def _weight(courses, world, price_steps, clearance_m, plan, row, ahead, point, h
     if price_steps < 0.0:
         return KEPT_WEIGHT * (KEPT_M - clearance(courses, world, here, pose, KEPT_M))
     return price_steps * (1.0 - clearance(courses, world, here, pose, clearance_m) / clearance_m)
+
+
+@kernel(fastmath=False)
+def fill_along(courses, world, clearance_m, plan, row, along):
+    """Fill along [G] with the cost in 0..1 of a step that ends on the best lane of a flight in a `Plan`, for want of
+    clearance below clearance_m (metres), at each metre ahead."""
+    point = int(np.argmin(plan.lane_steps[row, 0]))
+    for ahead in range(len(along)):
+        centre, _, _, _ = frame_at(courses, world, plan.start_arc[row], plan.travel[row], float(ahead))
+        here = Projection(centre.segment, centre.fraction, abs(offset_of(plan.reach[row, ahead], point, POINTS)))
+        place = plan.place[row, ahead, point]
+        pose = Pose(place[0], place[1], float(plan.height[row, ahead]), 0.0)
+        along[ahead] = 1.0 - clearance(courses, world, here, pose, clearance_m) / clearance_m
+        point = plan.lane[row, ahead, point]

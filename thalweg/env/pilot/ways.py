@@ -12,6 +12,7 @@ import numpy as np
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
 from thalweg.env.pilot.heights import plan_heights
+from thalweg.env.pilot.points_across import hindrance, offset_of
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.progress import sample_rows, segment_at_offset
 from thalweg.env.task.termination import island_at
@@ -26,8 +27,6 @@ CLEARANCE_M = 4.0
 """Lateral clearance above which more clearance has no value."""
 CLEARANCE_WEIGHT = 0.3
 """Cost in metres of way, for each sample and square metre of missing clearance."""
-STEEPEST = 1.0
-"""Greatest slope of a way against the course."""
 RING_M, SIDES = 0.5, 16
 """Rings around a point, and directions, in which islands are searched."""
 CRUISE_M = 4.5
@@ -66,15 +65,9 @@ def plan_ways(courses: CourseArrays, config: EnvConfig) -> Ways:
 
 
 @kernel(fastmath=False, allocates=False)
-def offset_of(reach, point):
-    """Return how many metres a point lies to the left of the centre line, from the reach at its sample."""
-    return reach * (2.0 * point / (POINTS_ACROSS - 1) - 1.0)
-
-
-@kernel(fastmath=False, allocates=False)
 def place_of(courses, reach, row, point):
     """Return x, y of a point across the sample in a row."""
-    offset = offset_of(reach[row], point)
+    offset = offset_of(reach[row], point, POINTS_ACROSS)
     x = courses.position[row, 0] - offset * courses.tangent[row, 1]
     y = courses.position[row, 1] + offset * courses.tangent[row, 0]
     return x, y
@@ -86,7 +79,7 @@ def _fill_missing(courses, world, reach, missing):
     for row in range(courses.first_sample[world], courses.first_sample[world + 1]):
         for point in range(POINTS_ACROSS):
             x, y = place_of(courses, reach, row, point)
-            bank = 0.5 * courses.width[row] - abs(offset_of(reach[row], point))
+            bank = 0.5 * courses.width[row] - abs(offset_of(reach[row], point, POINTS_ACROSS))
             short = max(CLEARANCE_M - bank, 0.0)
             found = short * short
             if island_at(courses, world, x, y) >= 0:
@@ -128,14 +121,9 @@ def _fill_onward(courses, world, reach, missing, way, onward):
             x, y = place_of(courses, reach, row, point)
             for after in range(POINTS_ACROSS):
                 next_x, next_y = place_of(courses, reach, following, after)
-                length = math.hypot(next_x - x, next_y - y)
-                total = cost[after] + length + CLEARANCE_WEIGHT * missing[following, after]
-                aside = abs(offset_of(reach[following], after) - offset_of(reach[row], point))
-                steep = aside - length * STEEPEST / math.sqrt(1.0 + STEEPEST * STEEPEST)
-                if steep > 0.0:
-                    total += LAND * steep
-                if island_at(courses, world, 0.5 * (x + next_x), 0.5 * (y + next_y)) >= 0:
-                    total += LAND
+                total = cost[after] + math.hypot(next_x - x, next_y - y) + CLEARANCE_WEIGHT * missing[following, after]
+                aside = offset_of(reach[following], after, POINTS_ACROSS) - offset_of(reach[row], point, POINTS_ACROSS)
+                total += LAND * hindrance(courses, world, x, y, next_x, next_y, aside)
                 if total < best[point]:
                     best[point] = total
                     onward[row, way, point] = after

@@ -150,8 +150,8 @@ class DrawnRivers:
         for first in range(0, len(chosen), room):
             slots: list[int] = []
             try:
-                for each in chosen[first : first + room]:
-                    slots.append(self.pool.take(int(each)))
+                for slot in self.pool.take_all(chosen[first : first + room].tolist()):
+                    slots.append(slot)
                 self.courses = self.pool.courses
                 rows = np.flatnonzero((index >= first) & (index < first + room))
                 yield rows, np.array(slots, np.int64)[index[rows] - first]

@@ -3,10 +3,11 @@
 Which rivers are in memory, and when they arrive, changes the time that a step takes and nothing else.
 """
 
-from collections.abc import Iterable
-from concurrent.futures import Future
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple, Protocol
 
+from thalweg.core.compute.threads import get_num_threads
 from thalweg.env.config import EnvConfig
 from thalweg.env.rivers.build_ahead import BackgroundBuilder
 from thalweg.env.rivers.courses import join_courses
@@ -95,13 +96,32 @@ class RiverPool:
 
     def take(self, river: int) -> int:
         """Return the slot of a river, which stays there until `leave`; waits for it if it is not in memory yet."""
+        return self._take(river, None)
+
+    def take_all(self, rivers: Sequence[int]) -> Iterator[int]:
+        """Yield what `take` returns for each river; if all rivers of the list may be in memory, those that are not yet
+        are prepared in all threads."""
+        together = 2 * get_num_threads() if self.slots >= len(self.rivers) else 1
+        for first in range(0, len(rivers), together):
+            some = rivers[first : first + together]
+            missing = [river for river in some if river not in self._slot_of and river not in self._coming]
+            ready: dict[int, Prepared] = {}
+            if len(missing) > 1:
+                with ThreadPoolExecutor(get_num_threads(), "thalweg-rivers") as threads:
+                    ready = dict(zip(missing, threads.map(self._prepare, missing), strict=True))
+            for river in some:
+                yield self._take(river, ready.pop(river, None))
+
+    def _take(self, river: int, ready: Prepared | None) -> int:
+        """As `take`; `ready` is what was prepared of the river."""
         slot = self._slot_of.get(river)
         if slot is None:
             self._forget_in_fork()
             coming = self._coming.pop(river, None)
             # A future that has not begun is as far away as none: the thread may still have others before it.
-            waits = coming is not None and not coming.cancel()
-            slot = self._place(river, coming.result() if waits and coming is not None else self._prepare(river))
+            if ready is None and coming is not None and not coming.cancel():
+                ready = coming.result()
+            slot = self._place(river, self._prepare(river) if ready is None else ready)
         self._uses[slot] += 1
         self._clock += 1
         self._used_at[slot] = self._clock

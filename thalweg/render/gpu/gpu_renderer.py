@@ -14,7 +14,7 @@ import numpy as np
 from thalweg.core.compute import gpu
 from thalweg.core.compute.launch_graphs import LaunchGraphs
 from thalweg.render.errors import RenderError
-from thalweg.render.gpu import ground_profiles, pixel, placed_props, postprocess, visible_plants
+from thalweg.render.gpu import ground_profiles, pixel, placed_props, postprocess, tile, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.kernels.props import models
 from thalweg.render.kernels.props.pose import PART_COLUMNS
@@ -288,9 +288,9 @@ class GpuRenderer:
                 placed_props.place, count, placed_props.THREADS, device,
                 scene, views, settings, cameras, moments, props, *placed,
             )  # fmt: skip
-        tiles = -(-height // pixel.TILE) * -(-width // pixel.TILE)
+        tiles = -(-height // tile.TILE) * -(-width // tile.TILE)
         gpu.launch(
-            pixel.tracer(reduced, drawn, props is not None), (tiles, count), pixel.THREADS, device,
+            pixel.tracer(reduced, drawn, props is not None), (tiles, count), tile.THREADS, device,
             scene, views, cameras, moments, nearness, plants, (nearness if props is None else props, *placed), buffers,
         )  # fmt: skip
         if images is not None:

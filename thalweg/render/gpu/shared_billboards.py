@@ -1,7 +1,4 @@
-"""Billboards in the shared memory of a block of threads, each of which draws one pixel of a tile.
-
-Nothing here uses `numba.cuda`: its simulator serves only functions of the module that a kernel is in.
-"""
+"""Billboards in the shared memory of a block of threads, each of which draws one pixel of a tile."""
 
 import numpy as np
 from numba import int32
@@ -9,7 +6,6 @@ from numba import int32
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.plants import billboard, reduced_billboard
 from thalweg.render.kernels.plants.billboard import Billboard
-from thalweg.render.kernels.terrain.heightfield_march import TILE
 
 f32 = np.float32
 
@@ -52,14 +48,3 @@ def billboard_light(atlas, board, dx, dy, dz, near, ground_depth, light, closed,
         return part * ink_r, part * ink_g, part * ink_b, part, t
     blended = board.blend > f32(0)
     return billboard.billboard_pixel(atlas, board, dx, dy, dz, near, ground_depth, light, closed, blended)
-
-
-@kernel(inlined=True)
-def touches_tile(boxes, n, k, tile_r, tile_c):
-    """Return whether the box of the k-th plant of camera n overlaps a tile."""
-    return (
-        boxes[n, k, 0] < tile_c + TILE
-        and boxes[n, k, 1] > tile_c
-        and boxes[n, k, 2] < tile_r + TILE
-        and boxes[n, k, 3] > tile_r
-    )

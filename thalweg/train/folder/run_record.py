@@ -12,6 +12,8 @@ from thalweg.core.run_folder import FolderKind
 from thalweg.train.errors import TrainingError
 
 CONFIG, STATUS, POLICY = "config.yaml", "status.json", "policy.safetensors"
+PLUGIN = "plugin"
+"""Key of a context: version and source of the plug-in that a policy was trained by."""
 RUN_FOLDER = FolderKind("run", CONFIG, TrainingError, ignores_hidden=True)
 
 
@@ -51,9 +53,15 @@ def read_config(folder: Path) -> dict[str, Any] | None:
 def require_same(folder: Path, recorded: dict[str, Any], requested: dict[str, Any]) -> None:
     """Raise `TrainingError` naming the first differences between the folder's run and the requested one.
 
-    The hash of an encoder is its identity; where its file lies is none.
+    The hash of an encoder is its identity; where its file lies is none. A plug-in's is its version; its source is none.
     """
-    RUN_FOLDER.require_same(folder, _without_places(recorded), _without_places(_as_read_from_yaml(requested)))
+    RUN_FOLDER.require_same(folder, _identity(recorded), _identity(_as_read_from_yaml(requested)))
+
+
+def plugin_source(identity: dict[str, Any]) -> str:
+    """Return the hash of the source of the plug-in that a run is trained by; empty for an algorithm of the package."""
+    context = identity.get("context")
+    return context.get(PLUGIN, {}).get("source", "") if isinstance(context, dict) else ""
 
 
 def write_status(folder: Path, status: dict[str, Any]) -> None:
@@ -73,11 +81,14 @@ def read_status(folder: Path) -> dict[str, Any]:
         raise TrainingError(f"{path} is not the status of a run: {error}") from error
 
 
-def _without_places(identity: dict[str, Any]) -> dict[str, Any]:
-    """Return the identity of a run without the place of its encoder's file."""
-    if not isinstance(context := identity.get("context"), dict):
-        return identity
-    return {**identity, "context": {key: value for key, value in context.items() if key != "encoder_file"}}
+def _identity(run: dict[str, Any]) -> dict[str, Any]:
+    """Return what identifies a run: without the place of its encoder's file and the source of its plug-in."""
+    if not isinstance(context := run.get("context"), dict):
+        return run
+    kept = {key: value for key, value in context.items() if key != "encoder_file"}
+    if PLUGIN in kept:
+        kept[PLUGIN] = {key: value for key, value in kept[PLUGIN].items() if key != "source"}
+    return {**run, "context": kept}
 
 
 def _as_read_from_yaml(data: dict[str, Any]) -> dict[str, Any]:

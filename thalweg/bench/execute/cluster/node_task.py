@@ -7,9 +7,9 @@ import socket
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from thalweg.bench.csv_files import ResultsError
@@ -17,7 +17,10 @@ from thalweg.bench.execute.backend import Backend, installed_versions
 from thalweg.bench.execute.cluster.run_archive import Files, archive_names, milestones, pack, unpack
 from thalweg.bench.execute.executors import execute_run_logged
 from thalweg.bench.results.results import RunRow
+from thalweg.bench.results.run_versions import current_sources
 from thalweg.bench.suite.config import Run, Suite
+from thalweg.core.atomic_io import write_atomic
+from thalweg.core.plugins.lookup import add_files
 
 POLL_S = 0.5
 """Interval at which the run's thread is checked."""
@@ -36,6 +39,10 @@ class RunRequest:
     """`installed_versions` of the machine where the results are collected."""
     sync_interval_s: float
     """Shortest interval between two updates with files."""
+    plugins: Sequence[tuple[str, Mapping[str, bytes]]] = ()
+    """Files of plug-ins to load, each by its name, with the modules beside it that it imports, by relative paths."""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    """Hashes of the sources of the plug-ins of the run, where the results are collected."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +65,11 @@ def run_on_node(request: RunRequest) -> Iterator[RunUpdate]:
     node = socket.gethostname()
     _require_same_versions(request.versions, node)
     yield RunUpdate(node)
-    with tempfile.TemporaryDirectory(prefix="thalweg-", ignore_cleanup_errors=True) as name:
+    with (
+        tempfile.TemporaryDirectory(prefix="thalweg-", ignore_cleanup_errors=True) as name,
+        tempfile.TemporaryDirectory(prefix="thalweg-plugins-", ignore_cleanup_errors=True) as plugins,
+    ):
+        _load_plugins(request, Path(plugins), node)
         archive = Path(name), request.run.name, request.suite.trials(request.run)
         unpack(request.files, Path(name), request.run.name)
         sent, sent_at = milestones(request.files), time.monotonic()
@@ -99,6 +110,22 @@ class _RunThread:
             self._outcome = execute_run_logged(request.run, request.suite, folder, request.backend)
         except BaseException as error:
             self._outcome = error
+
+
+def _load_plugins(request: RunRequest, folder: Path, node: str) -> None:
+    """Write the files of plug-ins to a folder and use them; raises `ResultsError` unless those of the run are the same
+    here."""
+    for number, (_, files) in enumerate(request.plugins):
+        for name, content in files.items():
+            write_atomic(folder / str(number) / name, content)
+    add_files(folder / str(number) / name for number, (name, _) in enumerate(request.plugins))
+    for name, source in request.sources.items():
+        found = current_sources([name]).get(name)
+        if found != source:
+            raise ResultsError(
+                f"node {node} of the cluster has another plug-in {name} (its source: {found or 'none'} there, {source}"
+                " here)"
+            )
 
 
 def _require_same_versions(expected: Mapping[str, int | None], node: str) -> None:

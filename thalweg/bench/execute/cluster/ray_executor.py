@@ -17,7 +17,9 @@ from thalweg.bench.execute.cluster.node_task import RunRequest, RunUpdate
 from thalweg.bench.execute.cluster.run_archive import milestones, pack, unpack
 from thalweg.bench.execute.executors import THREAD_VARIABLES, ExecutionContext, print_row, run_row
 from thalweg.bench.results.results import RunRow
+from thalweg.bench.results.run_versions import current_sources
 from thalweg.bench.suite.config import Run
+from thalweg.core.plugins.lookup import file_contents
 
 MAX_ATTEMPTS = 3
 """Attempts at a run without progress between them; then it has failed."""
@@ -101,7 +103,14 @@ class RayExecutor:
         files = pack(context.folder, state.run.name, context.suite.trials(state.run))
         state.reached |= milestones(files)
         request = RunRequest(
-            state.run, context.suite, context.backend, files, installed_versions(), self.sync_interval_s
+            state.run,
+            context.suite,
+            context.backend,
+            files,
+            installed_versions(),
+            self.sync_interval_s,
+            file_contents(),
+            current_sources(context.suite.algorithms_of(state.run)),
         )
         return ray.cloudpickle.dumps(request)
 

@@ -1,0 +1,75 @@
+"""Tests of plug-ins on the command line: --plugin, what is said of broken ones, and --set help."""
+
+import shutil
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from tests.plugins import EXAMPLE, install, no_plugins  # noqa: F401  (a fixture)
+from thalweg.algos import ALGORITHMS
+from thalweg.algos.imitation.config import ImitationConfig
+from thalweg.cli.main import main
+
+pytestmark = pytest.mark.usefixtures("no_plugins")
+
+
+def settings_in(text: str) -> list[str]:
+    return [line.partition("=")[0] for line in text.splitlines()[1:] if line and not line.startswith(" ")]
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "SACLag", "SafeLOOP"])
+def test_help_of_settings_lists_each_with_its_default_and_its_meaning(
+    algorithm: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert main(["train", algorithm, "--set", "help"]) == 0
+    text = capsys.readouterr().out
+    assert settings_in(text) == [field.name for field in fields(ALGORITHMS[algorithm].config)]
+    assert "no docstring" not in text
+    assert max(len(line) for line in text.splitlines() if line.startswith(" ")) <= 80
+
+
+def test_defaults_in_the_help_are_those_of_preset_and_environments(capsys: pytest.CaptureFixture[str]):
+    main(["train", "PPO", "--set", "help", "--preset", "paper"])
+    assert "\nsteps_per_update=20000\n    Environment steps between two updates" in capsys.readouterr().out
+    main(["train", "PPO", "--set", "help", "--num-envs", "128"])
+    assert "\nsteps_per_update=4096\n" in capsys.readouterr().out
+
+
+def test_help_of_a_plugin_and_of_imitation(capsys: pytest.CaptureFixture[str]):
+    assert main(["train", "PricedPG", "--plugin", str(EXAMPLE), "--set", "help"]) == 0
+    assert capsys.readouterr().out.endswith("\nprice=2.0\n    Reward that a cost of 1 takes away.\n")
+    assert main(["imitate", "--set", "help"]) == 0
+    assert settings_in(capsys.readouterr().out) == [
+        field.name for field in fields(ImitationConfig) if field.name != "observation"
+    ]
+
+
+@pytest.mark.parametrize(("command", "name"), [("train", "FOCOPS"), ("imitate", "student")])
+def test_a_run_without_a_folder_is_refused_with_one_to_try(command: str, name: str, capsys: pytest.CaptureFixture[str]):
+    assert main([command]) == 2
+    assert f"--out is missing: name the folder of the run, such as --out runs/{name}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["train"], ["evaluate", "hover"], ["bench", "quick", "--out", "x"], ["report", "x"], ["leaderboard", "x"]],
+)
+def test_a_broken_plugin_is_named_with_its_line_by_every_command(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    good, broken = Path(shutil.copy(EXAMPLE, tmp_path / "good.py")), tmp_path / "broken.py"
+    broken.write_text("x = 1\ny = x / 0\n")
+    assert main([*command, "--plugin", str(good), "--plugin", str(broken)]) == 2
+    assert capsys.readouterr().err == f"thalweg: {broken}, line 2: ZeroDivisionError: division by zero\n"
+
+
+def test_a_broken_entry_point_stops_no_command_that_does_not_ask_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    install(tmp_path, {"thalweg.algorithms": {"Broken": "nowhere_at_all:PLUGIN"}})
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert main(["train", "PPO", "--set", "help"]) == 0
+    assert main(["train", "Broken", "--set", "help"]) == 2
+    assert "the entry point 'Broken' of mine 1.0 (nowhere_at_all:PLUGIN) cannot be loaded" in capsys.readouterr().err

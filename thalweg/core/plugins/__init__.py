@@ -1,0 +1,1 @@
+"""Plug-ins: algorithms, tasks, encoders and report sections from outside the package, by entry points and by files."""

@@ -36,7 +36,7 @@ from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.config import to_plain
 from thalweg.env import EnvConfig, RiverVectorEnv
-from thalweg.env.tasks import PAPER_TASK, TASKS
+from thalweg.env.tasks import PAPER_TASK, TASKS, TaskName
 from thalweg.train import run
 from thalweg.world import LEVELS
 
@@ -104,7 +104,7 @@ def settings() -> dict[str, Any]:
     return to_plain(algorithm_named(LEARNER).configure({}, num_envs=NUM_ENVS))
 
 
-def trained(task: str, seed: int, runs: Path) -> WithIdealEye:
+def trained(task: TaskName, seed: int, runs: Path) -> WithIdealEye:
     """Return PPO's policy of a task, trained or resumed in a folder of its own."""
     rules = EnvConfig(task=task, observation="privileged", critic_info=settings().get("asymmetric_critics", False))
     env = RiverVectorEnv(rivers_of(LEVEL, RIVERS), NUM_ENVS, rules)
@@ -114,7 +114,7 @@ def trained(task: str, seed: int, runs: Path) -> WithIdealEye:
     return WithIdealEye(result.policy)
 
 
-def measure(task: str, policy: str, seed: int, runs: Path) -> dict[str, str]:
+def measure(task: TaskName, policy: str, seed: int, runs: Path) -> dict[str, str]:
     """Train, if the policy is PPO, and fly; returns the row."""
     flown = BASELINES[HOVER] if policy == HOVER else trained(task, seed, runs)
     config = EvaluationConfig(FLIGHTS, env=EnvConfig(observation="none", task=task))

@@ -16,12 +16,13 @@ import torch
 from thalweg.algos.policy.policy import Player
 from thalweg.bench.evaluate.baselines import DRAWN, Constant, Policy, Random, RecurrentPolicy, Sight, sight_of
 from thalweg.bench.evaluate.course import DEFAULT_EVALUATION, Course, EvaluationConfig
-from thalweg.bench.evaluate.episodes import ALL_REASONS, END_COLUMNS, Episode
+from thalweg.bench.evaluate.episodes import ALL_REASONS, END_COLUMNS, Episode, flown_of_ahead, share_ahead
 from thalweg.bench.evaluate.shielded import FlightShield, check_moves, check_shield
 from thalweg.core.compute.counter_random import scene_of, weather_of
 from thalweg.core.compute.device import resolve_device
 from thalweg.encoder import Encoder
-from thalweg.env import RiverVectorEnv
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.pilot.in_rivers import PILOTS
 from thalweg.env.spaces import CHANNELS, from_unit_actions
 from thalweg.render import Renderer
@@ -201,8 +202,12 @@ def evaluate(
     env = start_env(course, config, sees, felt)
     if shield is not None:
         shield.begin(env, course.looks)
-    players = [_player(policy, episode_generator(label, int(index)), config) for index in course.indices]
-    totals = _EpisodeTotals(_share_ahead(course, env.get_state()))
+    generators = [episode_generator(label, int(index)) for index in course.indices]
+    players = [
+        player_of(policy, generator, deterministic=config.deterministic, env=config.env) for generator in generators
+    ]
+    rivers = [world.river for world in course.rivers or (course.world,) * len(course.starts)]
+    totals = _EpisodeTotals(share_ahead(rivers, env.state.travel, env.state.segment))
     actions = from_unit_actions(config.env.action, np.zeros((len(course.starts), 4)))
     while len(flying := np.flatnonzero(totals.reason < 0)):
         state = env.get_state()
@@ -239,16 +244,21 @@ def made_by(policy: Any) -> tuple[int, str]:
     return plugin.get("version", 0), plugin.get("source", "")
 
 
-def _player(policy: Policy | RecurrentPolicy, generator: torch.Generator, config: EvaluationConfig) -> Player:
-    """Return the policy in one episode, with its own memory if it has one."""
+def player_of(
+    policy: Policy | RecurrentPolicy,
+    generator: torch.Generator,
+    *,
+    deterministic: bool = False,
+    env: EnvConfig = DEFAULT_CONFIG,
+) -> Player:
+    """Return the policy in one episode of an environment, with its own memory if it has one."""
     if isinstance(policy, RecurrentPolicy):
-        return policy.player(1, deterministic=config.deterministic, generator=generator)
-    env = config.env
+        return policy.player(1, deterministic=deterministic, generator=generator)
     if env.action == "continuous" and isinstance(policy, Random | Constant):  # they choose among options
         return lambda obs, fresh: from_unit_actions(
-            env.action, 1 - policy.act(obs, deterministic=config.deterministic, generator=generator), env.fast_ratio
+            env.action, 1 - policy.act(obs, deterministic=deterministic, generator=generator), env.fast_ratio
         )
-    return lambda obs, fresh: policy.act(obs, deterministic=config.deterministic, generator=generator)
+    return lambda obs, fresh: policy.act(obs, deterministic=deterministic, generator=generator)
 
 
 def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
@@ -277,14 +287,6 @@ def start_env(course: Course, config: EvaluationConfig, sees: Sight = "nothing",
     return env
 
 
-def _share_ahead(course: Course, state: dict[str, np.ndarray]) -> np.ndarray:
-    """Return [K] the share of the course's segments from that of each start on, in its direction; NaN on a loop."""
-    rivers = [world.river for world in course.rivers or (course.world,) * len(course.starts)]
-    segments = np.array([river.segments for river in rivers])
-    ahead = np.where(state["travel"] > 0, segments - state["segment"], state["segment"] + 1)
-    return np.where([river.closed for river in rivers], np.nan, ahead / segments)
-
-
 class _EpisodeTotals:
     """Totals of each episode until its first end; later steps of its slot do not count."""
 
@@ -309,11 +311,6 @@ class _EpisodeTotals:
         self.reason[flying] = info["done_reason"][flying]
         self.ends[flying] = info["pose"][flying, :3]
 
-    def _ahead(self, index: int) -> float | None:
-        """Return the share flown of what lay ahead of a start; None on a loop."""
-        share = self.progress[index] / self.share_ahead[index]
-        return None if np.isnan(share) else min(float(share), 1.0)
-
     def rows(self, course: Course, label: Label) -> list[Episode]:
         return [
             Episode(
@@ -331,7 +328,7 @@ class _EpisodeTotals:
                 reason=ALL_REASONS[self.reason[index]],
                 success=ALL_REASONS[self.reason[index]] == "Success",
                 progress=float(self.progress[index]),
-                ahead=self._ahead(index),
+                ahead=flown_of_ahead(self.progress[index], self.share_ahead[index]),
                 **dict(zip(END_COLUMNS, map(float, self.ends[index]), strict=True)),
             )
             for index in range(len(course.starts))

@@ -76,6 +76,6 @@ def test_the_policy_of_a_device_acts_the_same_on_the_cpu(there: Device, tmp_path
 
     loaded = load_policy(tmp_path / "policy.safetensors")
     images = np.random.default_rng(0).integers(0, 256, (3, 8, 8, 1), np.uint8)
-    found = [policy.player(3)(images, np.ones(3, bool)) for policy in (learner.policy, loaded)]
-    assert np.array_equal(*found)
+    here, away = (policy.player(3)(images, np.ones(3, bool)) for policy in (loaded, learner.policy))
+    assert np.array_equal(here, away)
     assert loaded.device == torch.device("cpu")

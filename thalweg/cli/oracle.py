@@ -19,7 +19,7 @@ class FlyOracle:
     episodes: int = 100
     """Number of starts, each flown once at each price."""
     prices: tuple[float, ...] = ()
-    """Return that a cost of 1 is worth, such as 0 0.03 1; by default eighteen from 0 to 10."""
+    """Return that a cost of 1 is worth, such as 0 0.03 1; by default fourteen from 0 to 10."""
     out: Path | None = None
     """Add the points to this .csv file; points of the same task, level and rivers are replaced."""
 

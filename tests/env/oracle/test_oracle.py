@@ -5,25 +5,33 @@ import pytest
 
 from tests.env.handmade import canal, hairpin
 from tests.env.task.priced.flights import made
-from thalweg.env import ConfigError, EnvConfig, RiverVectorEnv
+from thalweg.env import ConfigError, DoneReason, EnvConfig, RiverVectorEnv
 from thalweg.env.oracle.oracle import Oracle
 from thalweg.env.spaces import from_unit_actions
 from thalweg.env.task.course_arrays import pack_courses
+from thalweg.world.bridges import bridge_across
 
 
 def flight(env: RiverVectorEnv, price: float, pose: tuple[float, ...] | None = None, seed: int = 0):
     """Return (returns [N], costs [N], plan) of flights at a price."""
+    return ended(env, price, pose, seed)[:3]
+
+
+def ended(env: RiverVectorEnv, price: float, pose: tuple[float, ...] | None = None, seed: int = 0):
+    """Return (returns [N], costs [N], plan, codes [N] of why they ended) of flights at a price."""
     env.reset(seed=seed, options=None if pose is None else {"pose": np.array(pose)})
     oracle = Oracle(env.courses, env.config, price)
     plan, ahead = oracle.plan(env.state)
     returns, costs, flying = np.zeros(env.num_envs), np.zeros(env.num_envs), np.ones(env.num_envs, bool)
+    reasons = np.full(env.num_envs, -1)
     while flying.any():
         actions = from_unit_actions("multidiscrete", oracle.actions(plan, env.state, ahead, flying))
         _, reward, terminated, truncated, info = env.step(actions)
         returns[flying] += reward[flying]
         costs[flying] += info["cost"][flying]
+        reasons[flying] = info["done_reason"][flying]
         flying &= ~(terminated | truncated)
-    return returns, costs, plan
+    return returns, costs, plan, reasons
 
 
 @pytest.mark.parametrize("price", [0.0, 0.05, 1.0])
@@ -50,6 +58,29 @@ def test_climbing_over_reserves_is_nearly_as_good_as_the_exact_optimum(price: fl
     index = round((2.0 - env.limits.min_height) / 0.5)
     exact = plan.climb_value[:, 0, index]
     assert (returns - price * costs > exact - 0.4).all()
+
+
+BRIDGE = bridge_across(np.array([60.0, 0.0]), np.array([1.0, 0.0]), 8.0, 0.0, np.random.default_rng(1))[None]
+
+
+@pytest.mark.parametrize("price", [0.0, 0.3, 10.0])
+def test_no_flight_waits_before_a_bridge_or_a_reserve_until_it_ends(price: float):
+    world = canal(length_m=120.0, width_m=8.0, bridges=BRIDGE)
+    for height in np.arange(0.6, 3.6, 0.4):
+        env = made("Nests", world, 1)
+        _, costs, _, reasons = ended(env, price, (2.0, 0.0, height, 0.0))
+        assert reasons.tolist() == [DoneReason.SUCCESS], height
+        assert price < 0.1 or costs[0] == 0.0
+
+
+@pytest.mark.parametrize("price", [0.05, 0.3])
+def test_a_course_with_a_narrow_stretch_is_flown_through_where_that_pays(price: float):
+    width = np.full(201, 12.0)
+    width[90:110] = 3.0
+    env = made("RacingLine", canal(length_m=200.0, width_m=width), 1)
+    returns, costs, plan = flight(env, price, (2.0, 3.0, 7.0, 1.3))
+    assert returns[0] - price * costs[0] > plan.speed_value[0, 0, 0] - 0.6
+    assert returns[0] > 9.0 - 20.0 * 0.05  # ten steps at most through the narrows, and a few to turn
 
 
 def test_a_free_portage_crosses_the_neck_and_a_dear_one_stays_over_water():

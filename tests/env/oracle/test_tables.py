@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import scipy.ndimage
 
 from tests.env.handmade import canal, hairpin
 from thalweg.env import EnvConfig
@@ -36,15 +37,27 @@ def best_by_recursion(near: np.ndarray, completed: float, price: float) -> float
 def test_speeds_are_worth_what_the_best_of_all_moves_is(price: float):
     near = (np.random.default_rng(2).random((9, 16)) < 0.4).astype(np.uint8)
     value, speed = np.zeros(near.shape, np.float32), np.zeros(near.shape, np.int8)
-    fill_speeds(near, 12.0, METRE, price, value, speed)
+    fill_speeds(near, np.zeros(16), 12.0, METRE, price, value, speed)
     assert value[0, 0] == pytest.approx(best_by_recursion(near, 12.0, price), abs=1e-5)
 
 
 def test_at_a_high_price_no_move_costs_anything():
     near = np.ones((9, 16), np.uint8)
     value, speed = np.zeros(near.shape, np.float32), np.zeros(near.shape, np.int8)
-    fill_speeds(near, 30.0, METRE, 10.0, value, speed)
+    fill_speeds(near, np.zeros(16), 30.0, METRE, 10.0, value, speed)
     assert value[0, 0] == pytest.approx(8 * METRE, abs=1e-5) and speed[0, 0] == 1
+
+
+def test_speeds_pay_for_the_lane_however_fast_it_is_flown():
+    # Three metres at a cost of 0.5 each step: two steps of 2 m end there if hurried, three of 1 m if not.
+    near, along = np.zeros((9, 16), np.uint8), np.zeros(16)
+    along[4:7] = 0.5
+    value, speed = np.zeros(near.shape, np.float32), np.zeros(near.shape, np.int8)
+    fill_speeds(near, along, 10.0, METRE, 0.1, value, speed)
+    # 0 -> 1 -> 3 -> 5 -> 7 -> 9 -> 10: one step ends in the narrows, where it costs 0.5.
+    assert value[0, 0] == pytest.approx(10.0 * METRE - 0.1 * 0.5, abs=1e-5)
+    fill_speeds(near, along, 10.0, METRE, 10.0, value, speed)
+    assert value[0, 0] == pytest.approx(3.0 * METRE, abs=1e-5)  # it waits before them
 
 
 def planned(task: str, world, price: float, pose: tuple[float, ...]):
@@ -102,3 +115,20 @@ def test_a_dear_way_stays_over_water_and_a_free_one_crosses_the_neck():
     assert way(0.0).sum() > 0
     assert way(1000.0).sum() == 0
     assert len(way(1000.0)) > 2 * len(way(0.0))
+
+
+def test_a_way_over_water_leaves_the_cells_beside_the_bank():
+    courses = pack_courses([canal(length_m=60.0, width_m=8.0)], EnvConfig(observation="none", task="Portage"))
+    grid = LandGrid(courses, 0)
+    beside = scipy.ndimage.binary_dilation(grid.ashore, np.ones((3, 3))) & (grid.ashore == 0)
+
+    def way(price_steps: float) -> np.ndarray:
+        _, onward = grid.ways_to(55.0, 1.5, price_steps, 1.0)
+        column, row = np.round(np.array([5.0, 3.6]) - grid.origin).astype(int)
+        cells = [row * grid.ashore.shape[1] + column]
+        while onward.ravel()[cells[-1]] != cells[-1]:
+            cells.append(onward.ravel()[cells[-1]])
+        return beside.ravel()[cells]
+
+    assert way(0.0).sum() > 40  # straight on along the bank
+    assert way(1000.0).sum() < 4

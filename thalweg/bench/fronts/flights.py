@@ -15,7 +15,7 @@ from thalweg.env import RiverVectorEnv
 from thalweg.env.oracle.oracle import Oracle
 from thalweg.env.spaces import from_unit_actions
 
-PRICES = (0.0, 0.003, 0.006, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.07, 0.1, 0.2, 0.3, 0.5, 1.0, 3.0, 10.0)
+PRICES = (0.0, 0.003, 0.01, 0.02, 0.025, 0.03, 0.04, 0.05, 0.07, 0.1, 0.2, 0.5, 2.0, 10.0)
 """Prices of a cost of 1 in units of return, of which a whole course pays 10."""
 
 

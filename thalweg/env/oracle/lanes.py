@@ -88,3 +88,17 @@ def _weight(courses, world, price_steps, clearance_m, plan, row, ahead, point, h
     if price_steps < 0.0:
         return KEPT_WEIGHT * (KEPT_M - clearance(courses, world, here, pose, KEPT_M))
     return price_steps * (1.0 - clearance(courses, world, here, pose, clearance_m) / clearance_m)
+
+
+@kernel(fastmath=False)
+def fill_along(courses, world, clearance_m, plan, row, along):
+    """Fill along [G] with the cost in 0..1 of a step that ends on the best lane of a flight in a `Plan`, for want of
+    clearance below clearance_m (metres), at each metre ahead."""
+    point = int(np.argmin(plan.lane_steps[row, 0]))
+    for ahead in range(len(along)):
+        centre, _, _, _ = frame_at(courses, world, plan.start_arc[row], plan.travel[row], float(ahead))
+        here = Projection(centre.segment, centre.fraction, abs(offset_of(plan.reach[row, ahead], point, POINTS)))
+        place = plan.place[row, ahead, point]
+        pose = Pose(place[0], place[1], float(plan.height[row, ahead]), 0.0)
+        along[ahead] = 1.0 - clearance(courses, world, here, pose, clearance_m) / clearance_m
+        point = plan.lane[row, ahead, point]

@@ -14,7 +14,7 @@ from thalweg.core.compute.threads import run_in_threads
 from thalweg.env.config import ConfigError, EnvConfig
 from thalweg.env.oracle.ahead import MARGIN_M, arc_at, metres_ahead
 from thalweg.env.oracle.climbs import HEIGHT_STEP_M, fill_climbs
-from thalweg.env.oracle.lanes import POINTS, fill_lanes
+from thalweg.env.oracle.lanes import POINTS, fill_along, fill_lanes
 from thalweg.env.oracle.overland import LandGrid
 from thalweg.env.oracle.plan import Plan, empty_plan
 from thalweg.env.oracle.search import CRUISE_M, choose
@@ -86,7 +86,7 @@ class Oracle:
         count, (metres, task) = len(plan.travel), (self._metres, self.config.task_record)
         heights, lowest = plan_heights(self.courses, self.config, CRUISE_M)
         height = np.zeros((count, metres), np.float32)
-        least = np.zeros((count, metres))
+        least = np.zeros((count, metres), np.float32)
         _fill_along(self.courses, plan, heights, height)
         _fill_along(self.courses, plan, lowest, least)
         plan = plan._replace(
@@ -95,25 +95,29 @@ class Oracle:
             lane=np.zeros((count, metres, POINTS), np.int8),
             lane_steps=np.zeros((count, metres, POINTS), np.float32),
             height=height,
+            lowest=least,
         )
         clearance = task.clearance_m
-        price_steps = self.price / self._step_worth if clearance else -1.0
+        # Clearance costs by the step, and against the deadline a fast step is worth its metres.
+        price_steps = self.price / (self._step_worth * max(task.fast_step_m, 1.0)) if clearance else -1.0
         for row in range(count):
             fill_lanes(self.courses, 0, price_steps, max(clearance, 1.0), PACE, plan, row)
         if task.view_height_m:
             size = count, metres, int((self.limits.max_height - self.limits.min_height) / HEIGHT_STEP_M) + 1
             plan = plan._replace(climb_value=np.zeros(size, np.float32), climb=np.zeros(size, np.int8))
             for row in range(count):
-                fill_climbs(self.courses, 0, self.limits, least[row], self._step_worth, plan, row)
+                fill_climbs(self.courses, 0, self.limits, self._step_worth, plan, row)
         if task.fast_step_m:
             size = count, int(self.courses.max_steps[0]) + 1, metres
             plan = plan._replace(speed_value=np.zeros(size, np.float32), speed=np.zeros(size, np.int8))
-            near = np.zeros(size[1:], np.uint8)
+            near, along = np.zeros(size[1:], np.uint8), np.zeros(metres)
             for row in range(count):
                 place = int(state.scene[row]), task.passing_distance_m, plan.start_arc[row], int(plan.travel[row])
                 fill_near(self.courses, 0, *place, near)
+                if clearance:
+                    fill_along(self.courses, 0, clearance, plan, row, along)
                 worth = self._step_worth, self.price
-                fill_speeds(near, plan.completed_m[row], *worth, plan.speed_value[row], plan.speed[row])
+                fill_speeds(near, along, plan.completed_m[row], *worth, plan.speed_value[row], plan.speed[row])
         return plan
 
     def _over_land(self, plan: Plan, state: State) -> Plan:
@@ -127,9 +131,12 @@ class Oracle:
 
 
 def _moves(config: EnvConfig) -> np.ndarray:
-    """Return the first moves [M, 4] that are tried: unit actions up, turn left, forward, left. Heights are a law's
-    where only bridges matter to them."""
-    climbs = (0.0, 1.0, -1.0) if config.task_record.view_height_m else (0.0,)
+    """Return the first moves [M, 4] that are tried, of equal ones the first: unit actions up, turn left, forward, left.
+
+    Heights are a law's where only bridges matter to them. Else a climb comes first: one that can be put off seems as
+    good in the next step, and would be put off again.
+    """
+    climbs = (1.0, 0.0, -1.0) if config.task_record.view_height_m else (0.0,)
     forwards = (1.0, 0.0, -1.0) if config.task_record.fast_step_m else (1.0, 0.0)
     return np.array(list(itertools.product(climbs, (0.0, 1.0, -1.0), forwards, (0.0, 1.0, -1.0))))
 

@@ -28,10 +28,12 @@ class Plan(NamedTuple):
     """[N, G, P] float32, steps still to be flown from a point across, cost counted in steps by its price."""
     height: np.ndarray
     """[N, G] float32, metres: z to fly at."""
+    lowest: np.ndarray
+    """[N, G] float32, metres: least z that bridges and the band of heights permit."""
     climb_value: np.ndarray
     """[N, G, H] float32, return less priced cost to be had from a height above the water."""
     climb: np.ndarray
-    """[N, G, H] int8, best vertical move there: 1, 0 or -1."""
+    """[N, G, H] int8, best vertical move there: 1, 0 or -1; twice that for one that does not fly on."""
     speed_value: np.ndarray
     """[N, T, G] float32, return less priced cost to be had after so many steps."""
     speed: np.ndarray
@@ -60,6 +62,7 @@ def empty_plan(flights: int, price: float, step_worth: float) -> Plan:
         lane=table(2, np.int8),
         lane_steps=table(2, np.float32),
         height=table(1, np.float32),
+        lowest=table(1, np.float32),
         climb_value=table(2, np.float32),
         climb=table(2, np.int8),
         speed_value=table(2, np.float32),

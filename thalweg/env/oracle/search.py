@@ -9,7 +9,7 @@ import math
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DoneReason
 from thalweg.env.oracle.ahead import interpolated, metres_ahead, metres_to_the_left
-from thalweg.env.oracle.climbs import height_index
+from thalweg.env.oracle.climbs import IMPATIENCE, climb_at, height_index
 from thalweg.env.oracle.lanes import POINTS
 from thalweg.env.oracle.overland import CELL_M
 from thalweg.env.task.motion import wrap_angle
@@ -24,8 +24,11 @@ LOOKAHEAD_M = 3.5
 """Distance of the pursued point."""
 TURN_STEPS = 1.5
 """Steps that a radian off the pursued point at the end of a trial is worth."""
-IMPATIENCE = 0.3
-"""Share of a metre's worth that a metre which is still to be flown takes off in a task without a deadline."""
+AHEAD, AHEAD_WITH_CLEARANCE = 1.0, 0.5
+"""Radians off the pursued point within which the law flies on; the second where banks have a price."""
+WAITING = 0.05
+"""Share of a metre's worth that a step takes off there for each step that came to nothing new before it: without it, a
+wait that seems good again in each step would never end."""
 FAILURE = -1.0e9
 """Value of a trial that ends by a violation; each step before that adds one."""
 CRUISE_M = 7.0
@@ -113,6 +116,8 @@ def _value(courses, limits, plan, row, ahead, trial, fallback, outcome, action):
             return total - _lost_by_waiting(limits, plan, row, ahead, trial)
         if outcome.reason[0] >= 0:
             break
+        if limits.task.view_height > 0.0:
+            total -= WAITING * plan.step_worth * trial.idle[0]
         _follow(courses, limits, plan, row, ahead, projection, trial, aside, action)
     error = _pursuit_error(courses, plan, row, ahead, trial, aside)
     return (
@@ -161,7 +166,7 @@ def _outlook(courses, limits, plan, row, ahead, projection, trial):
     sample = min(max(int(ahead), 0), plan.lane_steps.shape[1] - 1)
     for across in range(POINTS):
         least = min(least, plan.lane_steps[row, sample, across])
-    rate = 0.0 if sample + 1 >= plan.lane_steps.shape[1] else ahead - sample
+    rate = 0.0 if sample + 1 >= plan.lane_steps.shape[1] else max(ahead - sample, 0.0)
     excess = max(steps - least + rate, 0.0)
     if limits.task.view_height > 0.0:
         height = trial.pose[0, 2] - interpolate(courses, trial.world[0], projection, courses.level)
@@ -170,7 +175,9 @@ def _outlook(courses, limits, plan, row, ahead, projection, trial):
         value -= IMPATIENCE * plan.step_worth * (plan.completed_m[row] - ahead)
     else:
         value = interpolated(plan.speed_value[row], 1.0 * trial.steps[0], ahead)
-    return value - plan.step_worth * excess
+    # Behind the start there are no tables, and no way that saves cost.
+    behind = max(-ahead, 0.0) * (plan.step_worth + plan.price)
+    return value - plan.step_worth * excess - behind
 
 
 @kernel(fastmath=False, allocates=False)
@@ -228,10 +235,15 @@ def _follow(courses, limits, plan, row, ahead, projection, trial, aside, action)
     """Write the unit action of the law to action [1, 4]."""
     error = _pursuit_error(courses, plan, row, ahead, trial, aside)
     action[0, 1] = _sign_beyond(error, 0.5 * limits.yaw_step)
-    near = abs(error) < 1.0
+    priced = limits.task.clearance > 0.0 and plan.price > 0.0
+    near = abs(error) < (AHEAD_WITH_CLEARANCE if priced else AHEAD)
     action[0, 2] = 1.0 if near else 0.0
     action[0, 3] = aside if near else 0.0
-    action[0, 0] = _climb(courses, limits, plan, row, ahead, projection, trial.world[0], trial.pose[0, 2])
+    climb = _climb(courses, limits, plan, row, ahead, projection, trial.world[0], trial.pose[0, 2])
+    action[0, 0] = _sign_beyond(climb, 0.0)
+    if abs(climb) > 1.0:
+        action[0, 2] = 0.0
+        action[0, 3] = 0.0
     if limits.task.fast_step > 0.0 and near:
         steps = min(trial.steps[0], plan.speed.shape[1] - 1)
         if plan.speed[row, steps, min(max(int(ahead + 0.5), 0), plan.speed.shape[2] - 1)] == 2:
@@ -240,12 +252,11 @@ def _follow(courses, limits, plan, row, ahead, projection, trial, aside, action)
 
 @kernel(fastmath=False, allocates=False)
 def _climb(courses, limits, plan, row, ahead, projection, world, z):
-    """Return the vertical unit move, 1, 0 or -1, of the law at a height z in metres."""
+    """Return the vertical unit move of the law at a height z in metres: 1, 0 or -1, or over reserves twice that for one
+    on the spot."""
     level = interpolate(courses, world, projection, courses.level)
     if limits.task.view_height > 0.0:
-        sample = min(max(int(ahead + 0.5), 0), plan.climb.shape[1] - 1)
-        index = min(max(int(height_index(limits, z - level) + 0.5), 0), plan.climb.shape[2] - 1)
-        return 1.0 * plan.climb[row, sample, index]
+        return 1.0 * climb_at(limits, plan, row, ahead, z - level)
     target = level + CRUISE_M
     if limits.task.portage == 0:
         target = plan.height[row, min(max(int(ahead + 0.5), 0), plan.height.shape[1] - 1)]

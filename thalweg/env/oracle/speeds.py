@@ -1,4 +1,5 @@
-"""When to hurry past swimmers: exact dynamic programming over steps and metres ahead, along the centre line.
+"""When to hurry: exact dynamic programming over steps and metres ahead, past swimmers along the centre line, and for
+clearance along the best lane.
 
 Where swimmers and kayaks will be is known, for it follows from the episode's scene.
 """
@@ -29,12 +30,12 @@ def fill_near(courses, world, scene, distance, start_arc, travel, near):
 
 
 @kernel(fastmath=False, allocates=False)
-def fill_speeds(near, completed_m, metre_worth, price, value, speed):
+def fill_speeds(near, along, completed_m, metre_worth, price, value, speed):
     """Fill value [T, G] float32 and speed [T, G] int8: return less priced cost to be had until the last step, and the
     metres forward, 0 to 2, by which it is had.
 
-    A metre that is not yet visited is worth `metre_worth`; a move of 2 metres that ends where near [T, G] is 1 costs 1.
-    The course ends completed_m ahead.
+    A metre that is not yet visited is worth `metre_worth`; a move of 2 metres that ends where near [T, G] is 1 costs 1,
+    and each step that ends there along [G]. The course ends completed_m ahead.
     """
     last, metres = near.shape[0] - 1, near.shape[1]
     for steps in range(last, -1, -1):
@@ -42,11 +43,12 @@ def fill_speeds(near, completed_m, metre_worth, price, value, speed):
             best = 0.0
             fastest = 0
             if steps < last and ahead < completed_m:
+                best = -1.0e30
                 for forward in range(3):
                     reached = min(ahead + forward, metres - 1)
                     gained = metre_worth * (min(float(reached), completed_m) - ahead)
-                    cost = price if forward == 2 and near[steps + 1, reached] != 0 else 0.0
-                    total = gained - cost + value[steps + 1, reached]
+                    cost = along[reached] + (1.0 if forward == 2 and near[steps + 1, reached] != 0 else 0.0)
+                    total = gained - price * cost + value[steps + 1, reached]
                     if total > best + 1.0e-6:
                         best = total
                         fastest = forward

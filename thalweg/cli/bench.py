@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tyro.conf import Positional
 
 from thalweg.cli.forces import STILL, ForceFlags, Forces
-from thalweg.cli.options import NO_FILE, Plugins, River, RiverFile, checked_task
+from thalweg.cli.options import NO_FILE, Plugins, Policies, River, RiverFile, checked_task
 
 if TYPE_CHECKING:
     from thalweg.bench.execute.executors import Executor
@@ -39,13 +39,15 @@ class Bench:
     river: River = NO_FILE
     only: tuple[str, ...] = ()
     """Policies (FOCOPS, hover), with all their seeds, or runs (PPO-0), such as --only FOCOPS PPO-0; all by default."""
+    policy: Policies = ()
+    """Function that is flown without training, such as fly.py:fly; may be given several times."""
     plugin: Plugins = ()
     """Python file with algorithms of your own; may be given several times."""
 
     def run(self) -> int:
         executor = executor_for(self.jobs, self.cluster, self.cpus)
         rules = Rules(self.task, self.hard, self.forces)
-        return run_and_print(self.suite, self.out, self.only, executor, self.river, rules)
+        return run_and_print(self.suite, self.out, self.only, executor, self.river, rules, self.policy)
 
 
 @dataclass(frozen=True)
@@ -69,19 +71,23 @@ def run_and_print(
     executor: "Executor",
     river: RiverFile = NO_FILE,
     rules: Rules | None = None,
+    policies: tuple[str, ...] = (),
 ) -> int:
     """Run a suite, or a part of it, and print its tables; returns 1 if a run failed.
 
     All policies also fly on the `river` of a file, if one is given, as a condition of its own. `rules` replace those of
-    the suite.
+    the suite. `policies` are functions that are flown too.
     """
     from thalweg.bench.execute.runner import run_suite
     from thalweg.bench.suite.builtin import load_suite
+    from thalweg.bench.suite.config import Function
     from thalweg.cli.tables import make_console, print_tables
 
     console = make_console()
     suite = load_suite(name)
     suite = suite if rules is None else rules.of(suite)
+    if policies:
+        suite = replace(suite, policies=(*suite.policies, *map(Function, policies)))
     if (reach := river.reach("a suite", None)) is not None:
         suite = with_river(suite, reach)
     outcome = run_suite(suite, folder, console=console, executor=executor, only=only)

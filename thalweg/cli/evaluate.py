@@ -14,7 +14,7 @@ from thalweg.core.seeds import parse_seeds
 from thalweg.core.suggestion import did_you_mean
 
 if TYPE_CHECKING:
-    from thalweg.bench.evaluate.baselines import Policy
+    from thalweg.bench.evaluate.baselines import Policy, RecurrentPolicy
     from thalweg.bench.evaluate.course import Course, EvaluationConfig
     from thalweg.encoder import Encoder
     from thalweg.env import EnvConfig
@@ -29,7 +29,7 @@ class Evaluate:
     """Evaluate a policy from the fixed list of starts of each river."""
 
     policy: Positional[str]
-    """A run's folder, a policy file, `packaged`, or a baseline: random, hover, forward, pilot, steady."""
+    """A run's folder, a policy file, a function (fly.py:fly), `packaged`, random, hover, forward, pilot or steady."""
     levels: tuple[str, ...] = ()
     """Levels to fly on; by default Easy, Medium and Hard, for the boat Easy, Medium-Deep and Hard-Deep."""
     river: River = NO_FILE
@@ -67,7 +67,7 @@ class Evaluate:
     plugin: Plugins = ()
     """Python file with algorithms of your own; may be given several times."""
 
-    def config_for(self, policy: "Policy") -> "EvaluationConfig":
+    def config_for(self, policy: "Policy | RecurrentPolicy") -> "EvaluationConfig":
         """Return the config of the flights of a policy: task and forces that are not given are those that it was
         trained with. Raises `UsageError` and `ConfigError`."""
         from thalweg.bench.evaluate.course import EvaluationConfig
@@ -111,6 +111,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.bench.evaluate.baselines import BASELINES, DRAWN, sight_of
     from thalweg.bench.evaluate.episodes import Episode, write_episodes
     from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
+    from thalweg.bench.evaluate.functions import FunctionPolicy
     from thalweg.bench.evaluate.progress import complete, progress_bar, track_episodes
     from thalweg.bench.evaluate.shielded import FlightShield, check_masks, check_moves
     from thalweg.bench.results.results import Results
@@ -123,7 +124,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     for river in rivers:
         if rivers.count(river) > 1:
             raise ResultsError(f"--levels names {river} twice; each level is flown once")
-    policy = load_named_policy(command.policy)
+    policy = load_named_policy(command.policy, command.vehicle)
     if command.sample:
         policy = sampling(policy, command.policy)
     config = command.config_for(policy)  # what does not go together is refused before anything is loaded
@@ -132,6 +133,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
         check_masks(policy, encoder)
         check_moves(config.env.action)
     name = command.policy if command.policy in (*BASELINES, PACKAGED) else Path(command.policy).resolve().name
+    name = policy.name if isinstance(policy, FunctionPolicy) else name
     name = f"{name} (sampled)" if command.sample else name
     name = f"{name} (shield)" if command.shield else name
     rows: list[Episode] = []
@@ -156,7 +158,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
         console.print(f"One row per episode: {command.out}", highlight=False)
 
 
-def _encoder_for(policy: "Policy", command: Evaluate, rules: "EnvConfig") -> "Encoder | None":
+def _encoder_for(policy: "Policy | RecurrentPolicy", command: Evaluate, rules: "EnvConfig") -> "Encoder | None":
     """Return the encoder whose codes a policy sees, None for one that sees none.
 
     Raises `UsageError` for an encoder that a policy of the privileged observation or of images is given, and the errors
@@ -180,27 +182,33 @@ def _encoder_for(policy: "Policy", command: Evaluate, rules: "EnvConfig") -> "En
     return encoder
 
 
-def load_named_policy(name: str) -> "Policy":
-    """Return a baseline, the packaged policy, or the policy of a run's folder or a file; raises `ResultsError`."""
+def load_named_policy(name: str, vehicle: str = "uav") -> "Policy | RecurrentPolicy":
+    """Return a baseline, the packaged policy, a function, or the policy of a run's folder or a file.
+
+    Raises `ResultsError` for a name of none of these, and the errors of the one that it is.
+    """
     from thalweg.bench.csv_files import ResultsError
     from thalweg.bench.evaluate.baselines import BASELINES
+    from thalweg.bench.evaluate.functions import FunctionPolicy, is_reference
     from thalweg.bench.execute.backend import PACKAGED_POLICY
     from thalweg.bench.suite.config import PACKAGED
     from thalweg.train import load_policy
 
     if name in BASELINES:
         return BASELINES[name]
+    if is_reference(name):
+        return FunctionPolicy.load(name, vehicle=vehicle)
     path = PACKAGED_POLICY if name == PACKAGED else Path(name)
     if not path.exists():
         known = (PACKAGED, *BASELINES)
         raise ResultsError(
-            f"no policy at {path}{did_you_mean(name, known)}; give a run's folder, a policy file, or one of:"
-            f" {', '.join(known)}"
+            f"no policy at {path}{did_you_mean(name, known)}; give a run's folder, a policy file, a function such as"
+            f" fly.py:fly, or one of: {', '.join(known)}"
         )
     return load_policy(path)
 
 
-def sampling(policy: "Policy", name: str) -> "Policy":
+def sampling(policy: "Policy | RecurrentPolicy", name: str) -> "Policy | RecurrentPolicy":
     """Return a policy that samples its actions; raises `UsageError` for a baseline or a planner, which has no such."""
     if not hasattr(policy, "greedy"):
         raise UsageError(f"--sample is for policies with probabilities of actions; {name} has none")

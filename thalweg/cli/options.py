@@ -91,6 +91,10 @@ Plugins = Annotated[tuple[Path, ...], UseAppendAction]
 """Files of plug-ins; the option may be given several times."""
 
 
+Policies = Annotated[tuple[str, ...], UseAppendAction]
+"""Functions that fly; the option may be given several times."""
+
+
 def load_world(river: RiverFile, level: str | None, seed: int | None, vehicle: str = "uav") -> Any:
     """Return the world of the file, or that of the level and seed; of the usual level of a vehicle without one."""
     from thalweg.world import level_named, load_or_build

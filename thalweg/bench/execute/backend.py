@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.baselines import BASELINES, DRAWN, Policy, sight_of
+from thalweg.bench.evaluate.baselines import BASELINES, DRAWN, Policy, RecurrentPolicy, sight_of
 from thalweg.bench.evaluate.conditions import MAIN, Trial
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
@@ -127,13 +127,17 @@ class RiverBackend:
             begin_with=begin_with,
         )
 
-    def policy(self, run: Run, folder: Path) -> Policy:
+    def policy(self, run: Run, folder: Path) -> Policy | RecurrentPolicy:
         """Return the run's policy."""
         if run.kind == "baseline":
             return BASELINES[run.algorithm]
+        if run.kind == "function":
+            return self.suite.function(run.algorithm).policy
         return load_policy(PACKAGED_POLICY if run.kind == "packaged" else folder)
 
-    def observers(self, run: Run, trial: Trial, courses: Sequence[Course], policy: Policy) -> list[Observe | None]:
+    def observers(
+        self, run: Run, trial: Trial, courses: Sequence[Course], policy: Policy | RecurrentPolicy
+    ) -> list[Observe | None]:
         """Return the observation function for each course; None for a policy for which nothing is drawn."""
         sees = sight_of(policy)
         encoder = self.encoder(run) if sees == "frames" else None
@@ -167,7 +171,7 @@ class RiverBackend:
 
     def title(self, run: Run, folder: Path) -> str:
         """Return the name of the run's policy for people."""
-        if run.kind == "baseline":
+        if run.kind in ("baseline", "function"):
             return run.algorithm
         if run.kind == "train":
             return f"{run.algorithm}, seed {run.seed}"

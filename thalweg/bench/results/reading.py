@@ -202,6 +202,11 @@ def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[
         return current_versions("baseline", [policy], **where)
     if policy == PACKAGED:
         return current_versions("packaged", (), **where)
+    function = next((each for each in suite.get("policies", []) if each["name"] == policy), None)
+    if function is not None:  # its version is not known here: a report loads no function
+        seen, encoder = function["observation"], suite.get("encoder", "default")
+        made = current_versions("function", (), observation=seen, encoder=encoder, **where)
+        return made | ({policy: recorded[policy]} if policy in recorded else {})
     arm = next((arm for arm in arms_of(suite) if arm["name"] == policy), None)
     if arm is not None:
         stages = stages_of(arm)

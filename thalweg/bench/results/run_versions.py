@@ -45,9 +45,10 @@ def current_versions(
     task: str = "River",
     forces: bool = False,
 ) -> dict[str, int | None]:
-    """The versions that a run of a kind (`train`, `baseline` or `packaged`) depends on.
+    """The versions that a run of a kind (`train`, `baseline`, `packaged` or `function`) depends on.
 
-    `algorithms` are those of all stages of its training, or a baseline's name. `observation` is what a trained policy
+    `algorithms` are those of all stages of its training, or a baseline's name; the version of a function is not among
+    them. `observation` is what a trained policy
     sees: only codes of frames depend on the packaged `encoder` of this name, and only the privileged observation does
     not depend on the renderer; `asymmetric_critics` is whether the critics of some stage see the privileged one as
     well. The packaged policy sees images; baselines see nothing. Only results of a `task` beside the paper's depend on
@@ -67,10 +68,12 @@ def current_versions(
         coded = {encoder: versions.PACKAGED_GEOMETRY if encoder == GEOMETRY else None}
     if kind == "packaged":
         return rivers | render | {"packaged": versions.PACKAGED_POLICY}
-    learning = {name: version_of(name) for name in algorithms}
     seen = (render if observation != PRIVILEGED else {}) | (coded if observation == FRAMES else {})
     if observation == PRIVILEGED or asymmetric_critics:
         seen["privileged"] = versions.PRIVILEGED
+    if kind == "function":
+        return rivers | seen
+    learning = {name: version_of(name) for name in algorithms}
     return rivers | seen | {"training": versions.TRAINING} | learning
 
 

@@ -60,6 +60,14 @@ class ConditionRecord:
 
 
 @frozen_config(ResultsError, extra="ignore")
+class FunctionRecord:
+    """Record of a `thalweg.bench.suite.config.Function`."""
+
+    name: str
+    observation: str
+
+
+@frozen_config(ResultsError, extra="ignore")
 class SuiteRecord:
     """Record of a `thalweg.bench.suite.config.Suite`; older ones have algorithms, seeds and steps in place of arms."""
 
@@ -79,6 +87,7 @@ class SuiteRecord:
     hard: bool = False
     forces: Mapping[str, Any] = field(default_factory=dict)
     encoder: str = "default"
+    policies: TupleOf[FunctionRecord] = ()
 
     @model_validator(mode="after")
     def _check(self) -> "SuiteRecord":

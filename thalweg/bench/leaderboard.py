@@ -20,7 +20,7 @@ from thalweg.bench.results.inference import CONFIDENCE, MIN_SEEDS, Estimate, mea
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.record import arms_of, encoder_of, observation_of
+from thalweg.bench.suite.record import arms_of, encoder_of, has_papers_rules, observation_of
 from thalweg.train.observations import FRAMES, IMAGES, PRIVILEGED
 from thalweg.world import LEVELS
 
@@ -36,6 +36,7 @@ EPISODE_LOG = "episodes.csv"
 RUN_FILES = ("config.yaml", EPISODE_LOG, "policy.safetensors")
 """Required files of each training run."""
 REQUIREMENTS = (
+    "the paper's task, in still air and by steps",
     f"{MIN_SEEDS} training seeds or more, all those that its suite names: none is left out because it did badly",
     f"at most {MAX_STEPS:,} training steps per seed, earlier stages included",
     f"every seed's flights from the first {EVALUATION.episodes} starts of {', '.join(LEVELS)} (`starts_seed`"
@@ -73,6 +74,10 @@ class Entry:
     """What the policy sees, see `thalweg.train.observations.IN_WORDS`."""
     encoder: str = "default"
     """Name of the packaged encoder of its frames, if it sees their codes."""
+    made_by: str = ""
+    """Version and source of the plug-ins that it was trained by, or of the function that it is."""
+    trained: bool = True
+    """Whether it was trained here; a function was not."""
 
     @property
     def privileged(self) -> bool:
@@ -104,14 +109,60 @@ def entries(folder: Path) -> list[Entry]:
     evaluated, unseen = (_counted(rows) for rows in (results.episodes, results.condition_episodes.get(UNSEEN.name, [])))
     found = []
     for arm in arms_of(results.suite):
-        outdated = [name for name, policy in results.outdated.items() if policy.policy == arm["name"]]
-        for name in (arm["name"], *outdated):
+        for name in (arm["name"], *_outdated_names(results, arm["name"])):
             usual, other = (
                 {level: rows for level in LEVELS if (rows := each.get((name, level)))} for each in (evaluated, unseen)
             )
             if usual or any(row.algorithm == name for row in results.runs):
                 found.append(_entry(results, name, arm, usual, other))
+    for function in results.suite.get("policies", []):
+        for name in (function["name"], *_outdated_names(results, function["name"])):
+            usual, other = (
+                {level: rows for level in LEVELS if (rows := each.get((name, level)))} for each in (evaluated, unseen)
+            )
+            if usual:
+                found.append(_function_entry(results, name, function, usual, other))
     return found
+
+
+def _outdated_names(results: Results, policy: str) -> list[str]:
+    """The names under which a policy stands in results with other versions."""
+    return [name for name, found in results.outdated.items() if found.policy == policy]
+
+
+def _returns(usual: dict[str, list[Episode]], unseen: dict[str, list[Episode]]) -> dict[str, Estimate]:
+    """The mean return on each level, and on unseen rivers of `LEVEL`."""
+    returns = {level: mean_estimate(rows, "return_") for level, rows in usual.items()}
+    return returns | ({UNSEEN.name: mean_estimate(unseen[LEVEL], "return_")} if LEVEL in unseen else {})
+
+
+def _function_entry(
+    results: Results,
+    name: str,
+    function: dict[str, Any],
+    usual: dict[str, list[Episode]],
+    unseen: dict[str, list[Episode]],
+) -> Entry:
+    """The entry of a function with its episodes, which were flown once and cannot be compared over seeds."""
+    outdated = results.outdated.get(name)
+    seeds = [0]
+    missing = [*_missing_starts(results), *_missing_flights(results, seeds, usual, unseen)]
+    return Entry(
+        policy=function["name"],
+        source=results.folder.resolve().name,
+        versions="current" if outdated is None else outdated.versions,
+        level="not here",
+        steps=0,
+        seeds=len(seeds),
+        cost=mean_estimate(usual[LEVEL], "cost") if LEVEL in usual else None,
+        returns=_returns(usual, unseen),
+        regret=None,
+        missing=("current versions",) if outdated else tuple(missing),
+        observation=function["observation"],
+        encoder=results.suite.get("encoder", "default"),
+        made_by=results.made_by([f"{function['name']}-0"]),
+        trained=False,
+    )
 
 
 def _entry(
@@ -126,9 +177,6 @@ def _entry(
     `name` is that of its episodes: the arm's, or that of its outdated runs.
     """
     outdated = results.outdated.get(name)
-    returns = {level: mean_estimate(rows, "return_") for level, rows in usual.items()}
-    if LEVEL in unseen:
-        returns[UNSEEN.name] = mean_estimate(unseen[LEVEL], "return_")
     return Entry(
         policy=arm["name"],
         source=results.folder.resolve().name,
@@ -137,11 +185,12 @@ def _entry(
         steps=_training_steps(arm),
         seeds=sum(row.algorithm == name and row.status == "finished" for row in results.runs),
         cost=mean_estimate(usual[LEVEL], "cost") if LEVEL in usual else None,
-        returns=returns,
+        returns=_returns(usual, unseen),
         regret=training_regret(results, name),
         missing=("current versions",) if outdated else tuple(_missing(results, arm, usual, unseen)),
         observation=observation_of(results.suite, arm),
         encoder=encoder_of(results.suite, arm),
+        made_by=results.made_by([f"{arm['name']}-{seed}" for seed in arm["seeds"]]),
     )
 
 
@@ -160,13 +209,29 @@ def _missing(
 ) -> list[str]:
     """What an arm lacks of `REQUIREMENTS`, a few words each."""
     missing, planned = [], arm["seeds"]
+    if not has_papers_rules(results.suite):
+        missing.append("the paper's task in still air")
     if len(planned) < MIN_SEEDS:
         missing.append(f"{MIN_SEEDS} seeds")
     if _training_steps(arm) > MAX_STEPS:
         missing.append(f"no more than {MAX_STEPS:,} steps")
-    if results.suite.get("starts_seed") != EVALUATION.starts_seed:
-        missing.append(f"flights from the starts of `starts_seed` {EVALUATION.starts_seed}")
+    missing += _missing_starts(results)
     missing += [line for seed in planned for line in _missing_of_run(results, arm["name"], seed)]
+    return missing + _missing_flights(results, planned, usual, unseen)
+
+
+def _missing_starts(results: Results) -> list[str]:
+    """What is missing where a suite flies from other starts."""
+    if results.suite.get("starts_seed") == EVALUATION.starts_seed:
+        return []
+    return [f"flights from the starts of `starts_seed` {EVALUATION.starts_seed}"]
+
+
+def _missing_flights(
+    results: Results, planned: Sequence[int], usual: dict[str, list[Episode]], unseen: dict[str, list[Episode]]
+) -> list[str]:
+    """What is missing of the flights of some seeds, a few words each."""
+    missing: list[str] = []
     if UNSEEN.as_data() not in results.suite.get("conditions", []):
         unseen = {}
     for episodes, suffix in ((usual, ""), (unseen, " (unseen)")):
@@ -208,10 +273,11 @@ def leaderboard(folders: Sequence[Path]) -> str:
                 f"two folders are named {name!r}; a row is identified by its policy and its folder's name"
             )
     found = sorted((entry for folder in folders for entry in entries(folder)), key=lambda entry: entry.sort_key)
+    complete = [entry for entry in found if not entry.missing]
     ranked, privileged = (
-        _ranked([entry for entry in found if entry.privileged == apart and not entry.missing])
-        for apart in (False, True)
+        _ranked([entry for entry in complete if entry.trained and entry.privileged == apart]) for apart in (False, True)
     )
+    functions = _ranked([entry for entry in complete if not entry.trained])
     unranked = [[*_row(entry), "; ".join(entry.missing)] for entry in found if entry.missing]
     requirements = "\n".join(f"- {line};" for line in REQUIREMENTS).removesuffix(";") + "."
     paragraphs = [
@@ -222,6 +288,8 @@ def leaderboard(folders: Sequence[Path]) -> str:
     ]
     if privileged:
         paragraphs.append(f"## With the privileged observation\n\n{PRIVILEGED_NOTE}\n\n{privileged}")
+    if functions:
+        paragraphs.append(f"## Not trained here\n\n{FUNCTIONS_NOTE}\n\n{functions}")
     if unranked:
         table = markdown(frame([*COLUMNS, "lacks"], unranked))
         paragraphs.append(f"## Not ranked\n\nThe last column names what these rows lack.\n\n{table}")
@@ -247,6 +315,8 @@ that sees images itself is followed by their channels, {" or ".join(f"*({channel
 """
 PRIVILEGED_NOTE = """These policies see what a perfect camera could tell instead of frames, so they are ranked among
 themselves."""
+FUNCTIONS_NOTE = """Functions that were flown as they are, each once from every start, so that there is no interval over
+seeds. *Versions* has the version and the hash of the source of each."""
 OTHER_LEVELS = tuple(level for level in LEVELS if level != LEVEL)
 COLUMNS = (
     "policy", "results", "limit met", "cost", LEVEL, *OTHER_LEVELS, "unseen", "regret",
@@ -265,7 +335,8 @@ def _row(entry: Entry) -> list[str]:
     returns = [str(entry.returns.get(river, "missing")) for river in (LEVEL, *OTHER_LEVELS, UNSEEN.name)]
     cost = "missing" if entry.cost is None else str(entry.cost)
     regret = "unknown" if entry.regret is None else f"{entry.regret:.2f}"
-    rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), entry.versions]
+    made = f"{entry.versions}; {entry.made_by}" if entry.made_by else entry.versions
+    rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), made]
     seen = entry.encoder if entry.observation == FRAMES else entry.observation
     policy = entry.policy if seen == "default" else f"{entry.policy} ({seen})"
     return [policy, entry.source, entry.limit_met, cost, *returns, *rest]

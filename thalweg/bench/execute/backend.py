@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Protocol
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.baselines import BASELINES, DRAWN, Policy, sight_of
+from thalweg.bench.evaluate.baselines import BASELINES, DRAWN, Policy, RecurrentPolicy, sight_of
 from thalweg.bench.evaluate.conditions import MAIN, Trial
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
@@ -19,7 +19,6 @@ from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
-from thalweg.env import EnvConfig
 from thalweg.train import load_policy
 from thalweg.train.observations import check_policy_fits, observation_of
 from thalweg.train.river import RiverTraining, load_compatible_encoder
@@ -37,6 +36,8 @@ def installed_versions() -> dict[str, int | None]:
         "render": versions.RENDER,
         "rules": versions.RULES,
         "tasks": versions.TASKS,
+        "props": versions.PROPS,
+        "forces": versions.FORCES,
         "privileged": versions.PRIVILEGED,
         "training": versions.TRAINING,
         "evaluation": versions.EVALUATION,
@@ -90,7 +91,7 @@ class RiverBackend:
 
     def config(self, trial: Trial) -> EvaluationConfig:
         """Return the configuration of a trial's evaluation."""
-        suite, rules = self.suite, EnvConfig(observation="none", task=self.suite.task)
+        suite, rules = self.suite, self.suite.rules.with_options(observation="none")
         return EvaluationConfig(suite.episodes, suite.starts_seed, trial.condition.deterministic, rules)
 
     def courses(self, trial: Trial, *, drawn: bool = True) -> list[Course]:
@@ -115,7 +116,7 @@ class RiverBackend:
 
     def _train(self, run: Run, stage: Stage | Arm, level: str, folder: Path, begin_with: Path | None) -> None:
         seeds = self.suite.seeds_of(self.suite.arm(run.algorithm), stage)
-        RiverTraining(level, self.suite.num_envs, seeds, EnvConfig(task=self.suite.task)).train(
+        RiverTraining(level, self.suite.num_envs, seeds, self.suite.rules).train(
             stage.algorithm,
             self.encoder(run) if self.suite.observation_of(run) == "frames" else None,
             steps=stage.steps,
@@ -126,17 +127,21 @@ class RiverBackend:
             begin_with=begin_with,
         )
 
-    def policy(self, run: Run, folder: Path) -> Policy:
+    def policy(self, run: Run, folder: Path) -> Policy | RecurrentPolicy:
         """Return the run's policy."""
         if run.kind == "baseline":
             return BASELINES[run.algorithm]
+        if run.kind == "function":
+            return self.suite.function(run.algorithm).policy
         return load_policy(PACKAGED_POLICY if run.kind == "packaged" else folder)
 
-    def observers(self, run: Run, trial: Trial, courses: Sequence[Course], policy: Policy) -> list[Observe | None]:
+    def observers(
+        self, run: Run, trial: Trial, courses: Sequence[Course], policy: Policy | RecurrentPolicy
+    ) -> list[Observe | None]:
         """Return the observation function for each course; None for a policy for which nothing is drawn."""
         sees = sight_of(policy)
         encoder = self.encoder(run) if sees == "frames" else None
-        check_policy_fits(policy, encoder, task=self.suite.task)
+        check_policy_fits(policy, encoder, task=self.suite.task, action=self.suite.rules.action)
         shielded = trial.condition.shield
         if shielded:
             check_masks(policy, encoder)
@@ -166,7 +171,7 @@ class RiverBackend:
 
     def title(self, run: Run, folder: Path) -> str:
         """Return the name of the run's policy for people."""
-        if run.kind == "baseline":
+        if run.kind in ("baseline", "function"):
             return run.algorithm
         if run.kind == "train":
             return f"{run.algorithm}, seed {run.seed}"

@@ -20,7 +20,12 @@ from thalweg.bench.suite.config import Run, Suite
 from thalweg.core.atomic_io import is_disk_error, write_atomic
 
 BEST, FAILURE = KINDS
-WHOSE = {"packaged": "the packaged policy", "train": "trained policies", "baseline": "baselines"}
+WHOSE = {
+    "packaged": "the packaged policy",
+    "train": "trained policies",
+    "function": "functions",
+    "baseline": "baselines",
+}
 
 
 @dataclass(frozen=True)
@@ -91,7 +96,8 @@ def best_of_all(suite: Suite, results: Results) -> Shot | None:
     If the suite films the `best`, trained policies come first.
     """
     level = suite.train_level if suite.train_level in suite.test_levels else suite.test_levels[0]
-    for kind in ("train", "packaged", "baseline") if suite.film == "best" else ("packaged", "train", "baseline"):
+    first = ("train", "packaged") if suite.film == "best" else ("packaged", "train")
+    for kind in (*first, "function", "baseline"):
         flights = _flights([run for run in suite.runs() if run.kind == kind], level, results)
         if flights:
             run, episode = _best(flights)

@@ -56,6 +56,8 @@ class Flight:
     """[T] float64, the return before each step."""
     props: np.ndarray | None = None
     """[T, P, 6] float32, the objects of the task; None without any."""
+    wind: np.ndarray | None = None
+    """[T, 2] float64, m/s towards east and north: the mean wind; None without any."""
 
     @classmethod
     def from_steps(cls, episode: Episode, steps: list[Step]) -> "Flight":
@@ -67,6 +69,9 @@ class Flight:
             np.concatenate([step.returns for step in steps]),
             np.concatenate([step.props for step in steps if step.props is not None])
             if steps[0].props is not None
+            else None,
+            np.concatenate([step.wind for step in steps if step.wind is not None])
+            if steps[0].wind is not None
             else None,
         )
 
@@ -138,8 +143,8 @@ def drawn_by(world: World, flight: Flight, camera: Camera) -> Draw:
 
     def draw(index: int) -> np.ndarray:
         now = slice(index, index + 1)
-        props = {} if flight.props is None else {"props": flight.props[now]}
-        return renderer.render(flight.poses[now], np.zeros(1, dtype=np.int64), flight.time_s[now], **props)[0]
+        also = {name: values[now] for name in ("props", "wind") if (values := getattr(flight, name)) is not None}
+        return renderer.render(flight.poses[now], np.zeros(1, dtype=np.int64), flight.time_s[now], **also)[0]
 
     return draw
 

@@ -50,12 +50,7 @@ def algorithm_table(results: Results) -> Table:
 
 def _plugin_of(results: Results, arm: Mapping[str, Any]) -> str:
     """Return version and source of the plug-ins that the runs of an arm were made with; empty without any."""
-    found: dict[str, None] = {}
-    for seed in arm["seeds"]:
-        run = f"{arm['name']}-{seed}"
-        for name, source in results.sources.get(run, {}).items():
-            found[f"{name} {results.versions[run].get(name)} ({source})"] = None
-    return ", ".join(found)
+    return results.made_by([f"{arm['name']}-{seed}" for seed in arm["seeds"]])
 
 
 def runs_table(results: Results) -> Table:

@@ -14,17 +14,18 @@ def plugin_notes(results: Results) -> Iterator[str]:
         for name, source in sources.items():
             by_version = found.setdefault(name, {})
             by_version.setdefault(results.versions.get(run, {}).get(name), set()).add(source)
+    functions = {function["name"] for function in results.suite.get("policies", [])}
     for name, by_version in found.items():
-        yield from _notes_of(name, by_version)
+        yield from _notes_of(name, by_version, is_function=name in functions)
 
 
-def _notes_of(name: str, by_version: dict[int | None, set[str]]) -> Iterator[str]:
+def _notes_of(name: str, by_version: dict[int | None, set[str]], *, is_function: bool) -> Iterator[str]:
     try:
-        plugin = plugin_named(name)
+        plugin = None if is_function else plugin_named(name)
     except PluginError as error:
         yield f"Not compared: {name} is a plug-in that cannot be used: {error}"
         return
-    if plugin is None:
+    if plugin is None and not is_function:
         yield f"Not compared: {name} is a plug-in that is not here; its results are shown as they are (--plugin FILE)"
     for version, sources in by_version.items():
         now = {plugin.source} if plugin is not None and plugin.record.version == version else set[str]()

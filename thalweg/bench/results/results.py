@@ -13,7 +13,7 @@ films/PPO-best.mp4, ...       the same for the best flight and the typical failu
 report/                       the report, made from the files above alone
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -164,10 +164,13 @@ class Results:
         suite = self.suite
         baselines = [(name, 0) for name in suite.get("baselines", [])]
         flown = [(PACKAGED, 0)] if suite.get("packaged") else []
+        flown += [(function["name"], 0) for function in suite.get("policies", [])]
         flown += [(arm["name"], seed) for arm in arms_of(suite) for seed in arm["seeds"]]
         failed = {(row.algorithm, row.seed) for row in self.runs if row.status != "finished"}
         main = {"name": "", "blind": True, "levels": [], "rivers": []}
-        privileged = self.privileged
+        privileged = self.privileged | {
+            function["name"] for function in suite.get("policies", []) if function["observation"] == PRIVILEGED
+        }
         return {
             (condition["name"], name, seed, level)
             for condition in (main, *suite.get("conditions", []))
@@ -218,6 +221,15 @@ class Results:
         """Condition, policy, seed and level of each evaluation in the results."""
         every = {"": self.episodes, **self.condition_episodes}
         return {(name, row.algorithm, row.seed, row.level) for name, rows in every.items() for row in rows}
+
+    def made_by(self, runs: Sequence[str]) -> str:
+        """Return version and source of all plug-ins and functions that runs were made with; empty for the package
+        alone."""
+        found: dict[str, None] = {}
+        for run in runs:
+            for name, source in self.sources.get(run, {}).items():
+                found[f"{name} {self.versions.get(run, {}).get(name)} ({source})"] = None
+        return ", ".join(found)
 
     def planned_seeds(self, algorithm: str) -> int:
         """Return the number of seeds that the suite asks for of a policy."""

@@ -5,6 +5,7 @@ A suite is checked when it is constructed: it names only what exists, and nothin
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -14,9 +15,12 @@ from thalweg.algos.registry import algorithm_named, algorithm_names
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, NAME, SHIELDED, Condition, Trial
+from thalweg.bench.evaluate.functions import FunctionPolicy, is_reference
 from thalweg.core.config import TupleOf, WholeNumber, frozen_config, refuse_unknown, to_plain
 from thalweg.core.plugins.record import PluginError
 from thalweg.core.seeds import compact_seeds, parse_seeds
+from thalweg.env.config import EnvConfig
+from thalweg.env.forces.options import ForceOptions
 from thalweg.env.tasks import TaskName
 from thalweg.train.errors import TrainingError
 from thalweg.train.run import check_warmup
@@ -111,14 +115,51 @@ class Arm:
         return own | {"before": before, "name": self.label}
 
 
+@frozen_config(ResultsError)
+class Function:
+    """A function that is flown without training, see `thalweg.bench.evaluate.functions`."""
+
+    function: str
+    """A file or a module, and a name in it: `fly.py:fly`. It is loaded when the suite is constructed."""
+    name: str = ""
+    """Name of its results; if empty, that which the function has itself."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "Function":
+        if not is_reference(self.function):
+            raise ValueError(
+                f"function must be a file or a module, and a name in it, such as fly.py:fly, got {self.function!r}"
+            )
+        self.policy  # noqa: B018  raises the error of one that cannot be loaded
+        return self
+
+    @cached_property
+    def policy(self) -> FunctionPolicy:
+        """The function as a policy."""
+        return FunctionPolicy.load(self.function, self.name)
+
+    @property
+    def label(self) -> str:
+        return self.policy.name
+
+    def as_data(self) -> dict[str, str]:
+        """Return plain data for JSON. Version and source are no part of the suite: results that they outdate are done
+        again."""
+        return {"function": self.function, "name": self.label, "observation": self.policy.observation}
+
+    def __getstate__(self) -> dict[str, str]:
+        """Return what is sent to another process, which loads the function itself."""
+        return {"function": self.function, "name": self.name}
+
+
 @dataclass(frozen=True)
 class Run:
-    """A policy of a suite: trained, a baseline, or the one that comes with the package."""
+    """A policy of a suite: trained, a baseline, the one that comes with the package, or a function."""
 
     kind: str
-    """`train`, `baseline` or `packaged`."""
+    """`train`, `baseline`, `packaged` or `function`."""
     algorithm: str
-    """Label of the arm, or name of the baseline."""
+    """Label of the arm or the function, or name of the baseline."""
     seed: int
 
     @property
@@ -150,6 +191,8 @@ class Suite:
     """Number of parallel environments in training."""
     baselines: TupleOf[str] = ("random", "hover", "forward", "pilot")
     """Policies that need no training."""
+    policies: TupleOf[Function] = ()
+    """Functions that are flown without training."""
     packaged: bool = True
     """Whether the policy that comes with the package is evaluated too."""
     conditions: TupleOf[Annotated[Condition, BeforeValidator(_condition)]] = ()
@@ -162,6 +205,10 @@ class Suite:
     """Seeds of the rivers to train on, unless the arm has its own; if empty, the fixed river of the level."""
     task: TaskName = "River"
     """Task that is trained and flown, see `thalweg.env.tasks`."""
+    hard: bool = False
+    """Whether the first cost of the task ends an episode; not for River."""
+    forces: ForceOptions = field(default_factory=ForceOptions)
+    """Wind, current and dynamics in training and flights."""
     film: Film = "packaged"
     """Whose best flight the main film shows: that of the `packaged` policy, if it is evaluated, or the `best` trained
     one's; `none`, or false: nothing is filmed. It does not belong to the results, and may be changed."""
@@ -171,6 +218,7 @@ class Suite:
         try:
             self._check_known()
             self._check_repeated()
+            self._check_actions()
         except ValueError as error:
             raise ValueError(f"suite {self.name}: {error}") from error
         if not self.runs() or not self.test_levels:
@@ -197,9 +245,23 @@ class Suite:
         ):
             refuse_unknown(what, names, known, ValueError)
 
+    def _check_actions(self) -> None:
+        """Raise `ValueError` for rules that do not go together, and for discrete actions where they are continuous."""
+        if self.rules.action == "multidiscrete":
+            return
+        if self.packaged:
+            raise ValueError(
+                "the packaged policy has no continuous actions, which inertial dynamics need: set packaged: false"
+            )
+        shields = [condition.name for condition in self.conditions if condition.shield]
+        if shields:
+            raise ValueError(
+                f"condition {shields[0]}: the shield judges no continuous actions, which inertial dynamics need"
+            )
+
     def _check_repeated(self) -> None:
         """Raise `ValueError` for anything that is named twice: its results would count twice."""
-        labels = [*(arm.label for arm in self.arms), *self.baselines, PACKAGED]
+        labels = [*(each.label for each in (*self.arms, *self.policies)), *self.baselines, PACKAGED]
         for label in labels:
             if labels.count(label) > 1:
                 raise ValueError(f"{label} is named twice; give one of them a name of its own")
@@ -216,7 +278,7 @@ class Suite:
         baselines = [Run("baseline", name, 0) for name in self.baselines]
         packaged = [Run("packaged", PACKAGED, 0)] if self.packaged else []
         trained = [Run("train", arm.label, seed) for arm in self.arms for seed in arm.seeds]
-        return (*baselines, *packaged, *trained)
+        return (*baselines, *packaged, *(Run("function", each.label, 0) for each in self.policies), *trained)
 
     def trials(self, run: Run) -> tuple[Trial, ...]:
         """Return the evaluations of a run's policy, those under the main condition first.
@@ -232,6 +294,15 @@ class Suite:
             for condition in (MAIN, *conditions)
             for level in condition.rivers or condition.levels or self.test_levels
         )
+
+    @property
+    def rules(self) -> EnvConfig:
+        """Rules of training and flights; raises `ConfigError` for what does not go together."""
+        return self.forces.applied(EnvConfig(task=self.task, hard=self.hard))
+
+    def function(self, label: str) -> Function:
+        """Return the function with a label."""
+        return next(each for each in self.policies if each.label == label)
 
     def arm(self, label: str) -> Arm:
         """Return the arm with a label."""
@@ -252,25 +323,31 @@ class Suite:
         """Return the seeds of the rivers of a stage of an arm, or of its last stage, the arm itself."""
         return stage.world_seeds or arm.world_seeds or self.world_seeds
 
-    def observation_of(self, run: Run) -> Observation | None:
+    def observation_of(self, run: Run) -> str | None:
         """Return what a run's policy sees of rivers; None for a baseline."""
         if run.kind == "baseline":
             return None
+        if run.kind == "function":
+            return self.function(run.algorithm).policy.observation
         return "frames" if run.kind == "packaged" else self.arm(run.algorithm).observation or self.observation
 
     def encoder_of(self, run: Run) -> EncoderName:
         """Return the name of the encoder of the frames that a run's policy sees, if it sees any."""
-        own = self.arm(run.algorithm).encoder if run.kind == "train" else "default"
+        own = "default" if run.kind in ("baseline", "packaged") else None
+        own = self.arm(run.algorithm).encoder if run.kind == "train" else own
         return own or self.encoder
 
     def as_data(self) -> dict[str, Any]:
         """Return the suite as plain data for JSON; without an observation of frames, the default encoder, seeds of
-        rivers if there are none, and the paper's task, as before there were others, and without what is filmed, which
-        changes no result."""
+        rivers if there are none, and the paper's task in still air, as before there were others, and without what is
+        filmed, which changes no result."""
         conditions = [condition.as_data() for condition in self.conditions]
-        usual = {"observation": "frames", "encoder": "default", "world_seeds": [], "task": "River", "film": self.film}
-        data = _without(to_plain(self), **usual) | _rivers(self.world_seeds)
-        return data | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
+        usual = {"observation": "frames", "encoder": "default", "world_seeds": [], "film": self.film}
+        usual |= {"task": "River", "hard": False, "forces": {}}
+        functions = {"policies": [each.as_data() for each in self.policies]} if self.policies else {}
+        data = _without(to_plain(self) | {"forces": self.forces.as_data()}, **usual) | _rivers(self.world_seeds)
+        del data["policies"]
+        return data | functions | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
 
 
 def _rivers(seeds: tuple[int, ...]) -> dict[str, Any]:

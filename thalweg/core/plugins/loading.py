@@ -12,7 +12,8 @@ from types import ModuleType
 from typing import Any
 
 from thalweg.core.plugins.record import CLASSES, Plugin, PluginError
-from thalweg.core.plugins.source import assignments, source_files, source_hash
+from thalweg.core.plugins.source import assignments, assignments_and_functions, source_files, source_hash
+from thalweg.core.suggestion import did_you_mean
 
 MODULES = "thalweg_plugin_"
 """Beginning of the names of modules that are loaded from files."""
@@ -56,10 +57,43 @@ def plugin_of(point: EntryPoint) -> Plugin:
         )
     if value.name != point.name:
         raise PluginError(f"{place}: {origin} is named {value.name!r}; give both the same name")
-    top = point.module.partition(".")[0]
-    root = file.parents[point.module.count(".") + (file.name == "__init__.py")]
-    source = source_hash(source_files(file, root, top))
+    source = source_hash(_files_of_module(point.module, file))
     return Plugin(value, point.group, file, line, source, origin)
+
+
+def object_named(reference: str) -> tuple[Any, str]:
+    """Return the object of a reference and the hash of its source.
+
+    A reference is a file or a module, a colon, and a name at its top level: `fly.py:fly` or `package.module:fly`.
+    Raises `PluginError` for one that leads nowhere.
+    """
+    place, _, name = reference.rpartition(":")
+    if place.endswith(".py"):
+        file = Path(place).resolve()
+        if not file.is_file():
+            raise PluginError(f"there is no file {file}; {reference!r} must name one, such as fly.py:fly")
+        source = source_hash(source_files(file, file.parent))
+        module = _module_of(file)
+    else:
+        if (folder := os.getcwd()) not in sys.path:
+            sys.path.append(folder)
+        try:
+            module = importlib.import_module(place)
+        except Exception as error:
+            raise PluginError(f"{place} cannot be imported: {_in_words(error, None)}") from error
+        file = Path(module.__file__ or place)
+        source = source_hash(_files_of_module(place, file)) if file.is_file() else ""
+    if not hasattr(module, name):
+        known = [each for each in assignments_and_functions(file) if not each.startswith("_")] if source else []
+        has = f"; it has {', '.join(known)}" if known else ""
+        raise PluginError(f"{file} has no {name!r} at its top level{did_you_mean(name, known)}{has}")
+    return getattr(module, name), source
+
+
+def _files_of_module(name: str, file: Path) -> dict[str, Path]:
+    """Return the files of a module's source: itself, and what it imports of its own top-level package."""
+    root = file.parents[name.count(".") + (file.name == "__init__.py")]
+    return source_files(file, root, name.partition(".")[0])
 
 
 def _group_of(value: Any) -> str:

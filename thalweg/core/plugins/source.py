@@ -31,6 +31,11 @@ def source_files(file: Path, root: Path, top: str | None = None) -> dict[str, Pa
     return dict(sorted(found.items()))
 
 
+def text_hash(text: str) -> str:
+    """Return the hash of a text, of 16 hexadecimal digits."""
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
 def source_hash(files: dict[str, Path]) -> str:
     """Return the hash of files by their relative paths, of 16 hexadecimal digits, whatever their line ends are."""
     digest = hashlib.sha256()
@@ -49,6 +54,17 @@ def assignments(file: Path) -> dict[str, int]:
         for target in targets:
             if isinstance(target, ast.Name):
                 found.setdefault(target.id, node.lineno)
+    return found
+
+
+def assignments_and_functions(file: Path) -> list[str]:
+    """Return the names that a file assigns or defines at its top level, in order."""
+    assigned = assignments(file)
+    found: list[str] = []
+    for node in _parsed(file).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.append(node.name)
+        found += [name for name, line in assigned.items() if line == node.lineno]
     return found
 
 

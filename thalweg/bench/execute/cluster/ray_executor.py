@@ -15,7 +15,7 @@ from thalweg.bench.execute.backend import installed_versions
 from thalweg.bench.execute.cluster.connection import check_address, check_ray, ray_connection
 from thalweg.bench.execute.cluster.node_task import RunRequest, RunUpdate
 from thalweg.bench.execute.cluster.run_archive import milestones, pack, unpack
-from thalweg.bench.execute.executors import THREAD_VARIABLES, ExecutionContext, print_row, run_row
+from thalweg.bench.execute.executors import THREAD_VARIABLES, ExecutionContext, execute_run, print_row, run_row
 from thalweg.bench.results.results import RunRow
 from thalweg.bench.results.run_versions import current_sources
 from thalweg.bench.suite.config import Run
@@ -62,9 +62,16 @@ class RayExecutor:
         self.address, self.jobs, self.cpus, self.sync_interval_s = address, jobs, cpus, sync_interval_s
 
     def execute(self, context: ExecutionContext, runs: Sequence[Run]) -> Iterator[RunRow]:
-        """See `Executor`; raises `ResultsError` for a cluster that cannot be joined or has a node with other versions,
-        and `OSError` for a full disk on this machine. All runs end then."""
-        pending, active = [_RunState(run) for run in runs], dict[Any, _RunState]()
+        """See `Executor`; functions fly on this machine.
+
+        Raises `ResultsError` for a cluster that cannot be joined or has a node with other versions, and `OSError` for a
+        full disk on this machine. All runs end then.
+        """
+        for run in runs:
+            if run.kind == "function":  # its files are here
+                yield execute_run(run, context)
+        pending = [_RunState(run) for run in runs if run.kind != "function"]
+        active = dict[Any, _RunState]()
         if not pending:
             return
         with ray_connection(self.address) as ray:

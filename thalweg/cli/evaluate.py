@@ -62,7 +62,7 @@ class Evaluate:
     device: str = "cpu"
     """Where to render and encode: cpu, cuda, cuda:1, or auto, which uses a GPU if one works."""
     plugin: Plugins = ()
-    """Python file with algorithms of your own; may be given several times."""
+    """Python file with algorithms, encoders or report sections of your own; may be given several times."""
 
     @property
     def config(self) -> "EvaluationConfig":

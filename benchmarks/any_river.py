@@ -37,6 +37,7 @@ from thalweg.core.atomic_io import write_atomic
 from thalweg.core.cache import file_hash
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train import load_policy
+from thalweg.train.folder.run_record import POLICY
 from thalweg.train.imitation.imitate import Imitation
 from thalweg.train.run_in_folder import policy_file
 
@@ -118,11 +119,14 @@ def student_folder(runs: Path, cell: Cell) -> Path:
     return runs / f"{cell.policy.replace('+', '-')}-{cell.steps}-{cell.seed}"
 
 
-def trained(runs: Path, cell: Cell) -> Path:
+def trained(runs: Path, cell: Cell, device: str = "cpu") -> Path:
     """Return the folder of a cell's student, trained now or before."""
     folder = student_folder(runs, cell)
-    settings = {"observation": cell.policy}
-    Imitation(folder, steps=cell.steps, seed=cell.seed, world_seeds=WORLD_SEEDS, settings=settings).run(progress=True)
+    if not (folder / POLICY).is_file():  # trained here or elsewhere
+        settings = {"observation": cell.policy}
+        Imitation(
+            folder, steps=cell.steps, seed=cell.seed, world_seeds=WORLD_SEEDS, settings=settings, device=device
+        ).run(progress=True)
     return folder
 
 
@@ -181,6 +185,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=STEPS, help="steps of training of each student")
     parser.add_argument("--policy", type=Path, help="folder of a run or policy file that is flown instead")
     parser.add_argument("--jobs", type=int, default=1, help="cells that are flown at a time")
+    parser.add_argument("--device", default="cpu", help="where students are trained, such as cuda")
     parser.add_argument("--runs", type=Path, default=HERE.parent / "runs" / "any_river", help="folder of the runs")
     parser.add_argument("--out", type=Path, default=TABLE, help="the table")
     parser.add_argument("--write", action="store_true", help="train and fly nothing, but write the table of the page")
@@ -204,7 +209,7 @@ def main() -> None:
         print(f"{' '.join(map(str, student))}: {len(cells)} of {len(planned)} cells are to be flown", flush=True)
         if cells:
             teacher = student[0] == TEACHER
-            path = None if teacher else given.policy or trained(given.runs, cells[0])
+            path = None if teacher else given.policy or trained(given.runs, cells[0], given.device)
             _fly_all(cells, path, given.jobs, given.out)
 
 

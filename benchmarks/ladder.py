@@ -38,6 +38,7 @@ from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train import load_policy
+from thalweg.train.folder.run_record import POLICY
 from thalweg.train.imitation.imitate import Imitation
 from thalweg.train.river import RiverTraining, load_compatible_encoder
 
@@ -56,6 +57,8 @@ class Task:
     """Folder of the run."""
     threads: int | None = None
     """Threads for learning; None: as many as the algorithm benefits from."""
+    device: str = "cpu"
+    """Where a student is trained."""
     cells: tuple[Cell, ...] = ()
     """Cells to fly when the arm is trained."""
     cell: Cell | None = None
@@ -65,7 +68,8 @@ class Task:
         """Train, or fly a cell; returns the row of a cell."""
         if self.cell is not None:
             return measure(self.cell, self.folder)
-        train(self.arm, self.folder, self.threads)
+        if not (self.folder / POLICY).is_file():  # trained here or elsewhere
+            train(self.arm, self.folder, self.threads, self.device)
         return None
 
     @property
@@ -74,11 +78,12 @@ class Task:
         return [replace(self, cells=(), cell=cell) for cell in self.cells]
 
 
-def train(arm: Arm, folder: Path, threads: int | None = None) -> None:
-    """Train an arm in its folder, or resume."""
+def train(arm: Arm, folder: Path, threads: int | None = None, device: str = "cpu") -> None:
+    """Train an arm in its folder, or resume; only students are trained on another device."""
     if arm.is_student:
+        settings = arm.student_settings
         Imitation(
-            folder, arm.steps, arm.seed, arm.levels, arm.seeds, settings=arm.student_settings, threads=threads
+            folder, arm.steps, arm.seed, arm.levels, arm.seeds, settings=settings, threads=threads, device=device
         ).run(progress=True)
         return
     rules = EnvConfig(randomisation=Randomisation() if arm.looks == VARIED else None)
@@ -174,6 +179,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--steps", type=int, help="steps of training of each arm in place of its own")
     parser.add_argument("--jobs", type=int, default=1, help="arms and cells at a time; an arm takes up to 10 GB")
     parser.add_argument("--threads", type=int, help="threads for learning of each arm")
+    parser.add_argument("--device", default="cpu", help="where students are trained, such as cuda")
     parser.add_argument("--runs", type=Path, default=HERE.parent / "runs" / "ladder", help="folder of the runs")
     parser.add_argument("--out", type=Path, default=TABLE, help="the table")
     parser.add_argument("--list", action="store_true", help="train and fly nothing, but list the arms and their cells")
@@ -196,7 +202,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         total = len(arm.cells(given.episodes, given.kinds))
         print(f"{arm.label}: {len(missing)} of {total} cells are to be flown", flush=True)
         if missing:
-            tasks.append(Task(arm, given.runs / arm.folder, given.threads, tuple(missing)))
+            tasks.append(Task(arm, given.runs / arm.folder, given.threads, given.device, tuple(missing)))
     if given.list:
         return 0
     return status_of(tasks, given.jobs, given.out)

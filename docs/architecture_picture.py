@@ -18,19 +18,21 @@ from matplotlib.patches import Rectangle
 PATH = Path(__file__).resolve().parent / "images" / "architecture.png"
 BOXES = {
     "cli": (0.0, 0.0, 12.0, 0.9),
-    "bench": (0.0, 1.4, 12.0, 0.9),
-    "train": (0.0, 2.8, 12.0, 0.9),
-    "env": (0.0, 4.2, 5.6, 1.25),
-    "render": (0.0, 5.95, 5.6, 1.25),
-    "world": (0.0, 7.7, 5.6, 1.25),
-    "encoder": (6.0, 4.2, 2.6, 4.75),
-    "algos": (9.0, 4.2, 3.0, 4.75),
-    "core": (0.0, 9.45, 12.0, 0.9),
+    "viewer": (0.0, 1.4, 12.0, 0.9),
+    "bench": (0.0, 2.8, 12.0, 0.9),
+    "train": (0.0, 4.2, 12.0, 0.9),
+    "env": (0.0, 5.6, 5.6, 1.25),
+    "render": (0.0, 7.35, 5.6, 1.25),
+    "world": (0.0, 9.1, 5.6, 1.25),
+    "encoder": (6.0, 5.6, 2.6, 4.75),
+    "algos": (9.0, 5.6, 3.0, 4.75),
+    "core": (0.0, 10.85, 12.0, 0.9),
 }
 """Left, top, width and height of each part. Parts import only parts below them, as the contracts in `pyproject.toml`
 demand."""
 CAPTIONS = {
     "cli": "the thalweg command",
+    "viewer": "the page to fly, watch and record",
     "bench": "evaluate, compare, report",
     "train": "where environment, encoder and algorithm meet",
     "env": "the rules, as environments",
@@ -41,20 +43,20 @@ CAPTIONS = {
     "core": "files, compilation, devices, versions",
 }
 COLOURS = {
-    "cli": "#e8e3da", "bench": "#e9d8c9", "train": "#ead9b6", "env": "#d3e2d0", "encoder": "#d9dff0",
-    "algos": "#e6d4e6", "render": "#cfe3e8", "world": "#d6e6c8", "core": "#e2e2e2",
+    "cli": "#e8e3da", "viewer": "#ece0d0", "bench": "#e9d8c9", "train": "#ead9b6", "env": "#d3e2d0",
+    "encoder": "#d9dff0", "algos": "#e6d4e6", "render": "#cfe3e8", "world": "#d6e6c8", "core": "#e2e2e2",
 }  # fmt: skip
 
 
 def main() -> None:
     graph = grimp.build_graph("thalweg", exclude_type_checking_imports=True)
-    figure, axes = plt.subplots(figsize=(12, 10.4))
+    figure, axes = plt.subplots(figsize=(12, 11.8))
     for part in BOXES:
         draw_box(axes, part, contents_of(graph, part))
     for importer, imported in arrows(graph):
         draw_arrow(axes, BOXES[importer], BOXES[imported])
     axes.set_xlim(-0.05, 12.05)
-    axes.set_ylim(-10.4, 0.05)
+    axes.set_ylim(-11.8, 0.05)
     axes.axis("off")
     figure.tight_layout(pad=0.2)
     figure.savefig(PATH, dpi=110)

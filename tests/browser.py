@@ -51,13 +51,13 @@ class Browser:
         options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
         self.driver = webdriver.Chrome(options=options, service=Service(executable_path=driver))
 
-    def open(self, page: Path, width: int = 1200, scheme: str = "light", media: str = "screen") -> None:
-        """Open a page `width` CSS pixels wide, light or dark, on a screen or as on paper."""
+    def open(self, page: Path | str, width: int = 1200, scheme: str = "light", media: str = "screen") -> None:
+        """Open a page, a file or an address, `width` CSS pixels wide, light or dark, on a screen or as on paper."""
         size = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": width < 500}
         features = [{"name": "prefers-color-scheme", "value": scheme}]
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
         self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": media, "features": features})
-        self.driver.get(page.as_uri())
+        self.driver.get(page if isinstance(page, str) else page.as_uri())
 
     def run(self, script: str, *arguments: Any) -> Any:
         """What a piece of JavaScript returns that is run in the page."""

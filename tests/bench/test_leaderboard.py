@@ -15,6 +15,7 @@ from thalweg.bench.leaderboard import RUN_FILES, UNSEEN, entries, leaderboard
 from thalweg.bench.results.results import RunRow, evaluation_path, read_runs, write_runs
 from thalweg.bench.suite.config import Arm, Stage, Suite
 from thalweg.cli.main import main
+from thalweg.env.forces.options import ForceOptions
 
 AT_ONCE = {"critic_warmup_steps": 0}
 """Settings of a run so short that its policy must learn at once."""
@@ -53,7 +54,7 @@ def write(folder: Path, suite: Suite = SUITE) -> Path:
             write_episodes(path, flights(run.algorithm, run.seed, trial.level, trial.condition.unseen))
     write_runs(folder, rows)
     arms = {arm.label: arm.algorithm for arm in suite.arms}
-    record_current_versions(folder, arms, observation=suite.observation)
+    record_current_versions(folder, arms, observation=suite.observation, task=suite.task, forces=suite.forces.push)
     return folder
 
 
@@ -89,6 +90,8 @@ def test_those_that_surely_keep_the_limit_come_first_then_the_greater_return(tmp
             replace(SUITE, arms=(replace(ARMS[0], before=(Stage("PPO", "Easy", 200_000),), settings=AT_ONCE),)),
             ("no more than 200,000 steps",),
         ),
+        (replace(SUITE, forces=ForceOptions(current_m_per_s=(0.5, 0.5))), ("the paper's task in still air",)),
+        (replace(SUITE, task="Nests"), ("the paper's task in still air",)),
         (replace(SUITE, starts_seed=1), ("flights from the starts of `starts_seed` 0",)),
         (replace(SUITE, test_levels=("Medium", "Easy"), conditions=()),
          ("flights on Hard", "flights on Easy, Medium, Hard (unseen)")),

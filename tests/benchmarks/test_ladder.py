@@ -242,7 +242,7 @@ def flown(script: ModuleType, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     run_here(monkeypatch, script)
     done: list[str] = []
 
-    def train(arm: Any, folder: Path, threads: int | None) -> None:
+    def train(arm: Any, folder: Path, threads: int | None, device: str) -> None:
         done.append(f"train {arm.label}")
         if arm.name == "no-mask":
             raise ValueError("no")
@@ -290,7 +290,7 @@ def test_an_arm_that_fails_is_named_and_the_others_go_on(script: ModuleType, flo
 def test_nothing_else_is_begun_after_a_process_was_killed(
     script: ModuleType, flown: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ):
-    def killed(arm: Any, folder: Path, threads: int | None) -> None:
+    def killed(arm: Any, folder: Path, threads: int | None, device: str) -> None:
         flown.append(arm.label)
         raise BrokenProcessPool("killed")
 
@@ -444,7 +444,7 @@ SMALL = {
 @pytest.mark.slow
 def test_a_small_student_is_trained_flown_and_resumed(script: ModuleType, student: Any, tmp_path: Path):
     arm = replace(student, rivers=1, steps=128, levels=("Easy",), settings=SMALL)
-    tasks = [script.Task(arm, tmp_path / arm.folder, 1, tuple(arm.cells(2, ["seen", "unseen"])))]
+    tasks = [script.Task(arm, tmp_path / arm.folder, 1, "cpu", tuple(arm.cells(2, ["seen", "unseen"])))]
     assert script.work_through(tasks, 1, tmp_path / "table.csv") == []
     rows = read_csv(tmp_path / "table.csv", script.COLUMNS)
     assert [(row["kind"], row["level"], row["steps"]) for row in rows] == [

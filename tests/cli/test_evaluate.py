@@ -9,6 +9,7 @@ import pytest
 from thalweg.cli.evaluate import Evaluate, _encoder_for, load_named_policy, sampling
 from thalweg.cli.main import main
 from thalweg.core.cache import file_hash
+from thalweg.env import EnvConfig
 
 
 @pytest.mark.parametrize("given", [None, Path("other.safetensors")], ids=["that of the run", "another one"])
@@ -23,7 +24,7 @@ def test_a_run_flies_through_the_encoder_that_it_was_trained_with(
     monkeypatch.setattr("thalweg.bench.evaluate.baselines.sight_of", lambda _: "frames")
     monkeypatch.setattr("thalweg.train.river.load_compatible_encoder", lambda path, _: loaded.append(path))
     monkeypatch.setattr("thalweg.train.observations.check_policy_fits", lambda *_, **__: None)
-    _encoder_for(policy, Evaluate("run", encoder=given))
+    _encoder_for(policy, Evaluate("run", encoder=given), EnvConfig())
     assert loaded == [given or own]
 
 

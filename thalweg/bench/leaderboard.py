@@ -20,7 +20,7 @@ from thalweg.bench.results.inference import CONFIDENCE, MIN_SEEDS, Estimate, mea
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.record import arms_of, encoder_of, observation_of
+from thalweg.bench.suite.record import arms_of, encoder_of, has_papers_rules, observation_of
 from thalweg.train.observations import FRAMES, IMAGES, PRIVILEGED
 from thalweg.world import LEVELS
 
@@ -36,6 +36,7 @@ EPISODE_LOG = "episodes.csv"
 RUN_FILES = ("config.yaml", EPISODE_LOG, "policy.safetensors")
 """Required files of each training run."""
 REQUIREMENTS = (
+    "the paper's task, in still air and by steps",
     f"{MIN_SEEDS} training seeds or more, all those that its suite names: none is left out because it did badly",
     f"at most {MAX_STEPS:,} training steps per seed, earlier stages included",
     f"every seed's flights from the first {EVALUATION.episodes} starts of {', '.join(LEVELS)} (`starts_seed`"
@@ -208,6 +209,8 @@ def _missing(
 ) -> list[str]:
     """What an arm lacks of `REQUIREMENTS`, a few words each."""
     missing, planned = [], arm["seeds"]
+    if not has_papers_rules(results.suite):
+        missing.append("the paper's task in still air")
     if len(planned) < MIN_SEEDS:
         missing.append(f"{MIN_SEEDS} seeds")
     if _training_steps(arm) > MAX_STEPS:

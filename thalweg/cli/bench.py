@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
+from thalweg.cli.forces import STILL, ForceFlags, Forces
 from thalweg.cli.options import NO_FILE, Plugins, Policies, River, RiverFile, checked_task
 
 if TYPE_CHECKING:
@@ -31,6 +32,9 @@ class Bench:
     """Processors and threads of each run on a cluster; by default 1."""
     task: str | None = None
     """River, Swimmers, Nests, RacingLine or Portage; by default that of the suite."""
+    hard: bool = False
+    """End an episode at the first cost of the task, also where the suite does not."""
+    forces: Forces = STILL
     river: River = NO_FILE
     only: tuple[str, ...] = ()
     """Policies (FOCOPS, hover), with all their seeds, or runs (PPO-0), such as --only FOCOPS PPO-0; all by default."""
@@ -41,7 +45,22 @@ class Bench:
 
     def run(self) -> int:
         executor = executor_for(self.jobs, self.cluster, self.cpus)
-        return run_and_print(self.suite, self.out, self.only, executor, self.river, self.task, self.policy)
+        rules = Rules(self.task, self.hard, self.forces)
+        return run_and_print(self.suite, self.out, self.only, executor, self.river, rules, self.policy)
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What replaces the rules of a suite."""
+
+    task: str | None = None
+    hard: bool = False
+    forces: ForceFlags = STILL
+
+    def of(self, suite: "Suite") -> "Suite":
+        """Return the suite with these rules where they are given; raises the errors of suites."""
+        task = suite.task if self.task is None else checked_task(self.task)
+        return replace(suite, task=task, hard=self.hard or suite.hard, forces=self.forces.options(suite.forces))
 
 
 def run_and_print(
@@ -50,12 +69,12 @@ def run_and_print(
     only: tuple[str, ...],
     executor: "Executor",
     river: RiverFile = NO_FILE,
-    task: str | None = None,
+    rules: Rules | None = None,
     policies: tuple[str, ...] = (),
 ) -> int:
     """Run a suite, or a part of it, and print its tables; returns 1 if a run failed.
 
-    All policies also fly on the `river` of a file, if one is given, as a condition of its own. `task` replaces that of
+    All policies also fly on the `river` of a file, if one is given, as a condition of its own. `rules` replace those of
     the suite. `policies` are functions that are flown too.
     """
     from thalweg.bench.execute.runner import run_suite
@@ -65,8 +84,7 @@ def run_and_print(
 
     console = make_console()
     suite = load_suite(name)
-    if task is not None:
-        suite = replace(suite, task=checked_task(task))
+    suite = suite if rules is None else rules.of(suite)
     if policies:
         suite = replace(suite, policies=(*suite.policies, *map(Function, policies)))
     if (reach := river.reach("a suite", None)) is not None:

@@ -2,12 +2,13 @@
 
 import copy
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
+from thalweg.cli.forces import STILL, Forces
 from thalweg.cli.options import NO_FILE, Plugins, River, UsageError, check_file, checked_task
 from thalweg.core.seeds import parse_seeds
 from thalweg.core.suggestion import did_you_mean
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from thalweg.bench.evaluate.baselines import Policy, RecurrentPolicy
     from thalweg.bench.evaluate.course import Course, EvaluationConfig
     from thalweg.encoder import Encoder
+    from thalweg.env import EnvConfig
     from thalweg.world import Reach
 
 LEVELS_OF = {"uav": ("Easy", "Medium", "Hard"), "asv": ("Easy", "Medium-Deep", "Hard-Deep")}
@@ -49,6 +51,7 @@ class Evaluate:
     """River, Swimmers, Nests, RacingLine or Portage; by default that on which the policy was trained."""
     hard: bool = False
     """End an episode at the first cost of the task; not for River."""
+    forces: Forces = STILL
     sample: bool = False
     """Sample actions, also of policies that always take the most probable one, such as the packaged policy."""
     unseen: bool = False
@@ -64,13 +67,16 @@ class Evaluate:
     plugin: Plugins = ()
     """Python file with algorithms, encoders or report sections of your own; may be given several times."""
 
-    @property
-    def config(self) -> "EvaluationConfig":
+    def config_for(self, policy: "Policy | RecurrentPolicy") -> "EvaluationConfig":
+        """Return the config of the flights of a policy: task and forces that are not given are those that it was
+        trained with. Raises `UsageError` and `ConfigError`."""
         from thalweg.bench.evaluate.course import EvaluationConfig
         from thalweg.env import EnvConfig
+        from thalweg.train.observations import forces_of, task_of
 
-        task = checked_task(self.task or "River")
+        task = checked_task(self.task or task_of(policy))
         rules = EnvConfig(observation="none", task=task, hard=self.hard, vehicle=self.vehicle)
+        rules = self.forces.options(forces_of(policy)).applied(rules)
         return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic, rules)
 
     @property
@@ -107,11 +113,10 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
     from thalweg.bench.evaluate.functions import FunctionPolicy
     from thalweg.bench.evaluate.progress import complete, progress_bar, track_episodes
-    from thalweg.bench.evaluate.shielded import FlightShield, check_masks
+    from thalweg.bench.evaluate.shielded import FlightShield, check_masks, check_moves
     from thalweg.bench.results.results import Results
     from thalweg.bench.suite.config import PACKAGED
     from thalweg.cli.tables import make_console, print_tables
-    from thalweg.train.observations import task_of
     from thalweg.world import Reach, level_named
 
     console = make_console()
@@ -122,18 +127,18 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     policy = load_named_policy(command.policy, command.vehicle)
     if command.sample:
         policy = sampling(policy, command.policy)
-    command = replace(command, task=command.task or task_of(policy))
-    command.config  # noqa: B018  # a task that does not exist is refused before anything is loaded
-    encoder = _encoder_for(policy, command)
+    config = command.config_for(policy)  # what does not go together is refused before anything is loaded
+    encoder = _encoder_for(policy, command, config.env)
     if command.shield:
         check_masks(policy, encoder)
+        check_moves(config.env.action)
     name = command.policy if command.policy in (*BASELINES, PACKAGED) else Path(command.policy).resolve().name
     name = policy.name if isinstance(policy, FunctionPolicy) else name
     name = f"{name} (sampled)" if command.sample else name
     name = f"{name} (shield)" if command.shield else name
     rows: list[Episode] = []
     for river in rivers:
-        courses, level = _courses(command, river, drawn=command.shield or sight_of(policy) in DRAWN)
+        courses, level = _courses(command, config, river, drawn=command.shield or sight_of(policy) in DRAWN)
         with progress_bar(console, "episodes") as progress:
             for course in courses:
                 observe = observation_function(policy, course.world, encoder, command.device, shielded=command.shield)
@@ -141,9 +146,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
                 on_step = track_episodes(progress, f"{name} on {level}{which}", len(course.starts))
                 label = Label(name, command.seed, level)
                 shield = FlightShield() if command.shield else None
-                rows.extend(
-                    evaluate(policy, course, label, command.config, observe=observe, on_step=on_step, shield=shield)
-                )
+                rows.extend(evaluate(policy, course, label, config, observe=observe, on_step=on_step, shield=shield))
                 complete(progress)
     if command.out is not None:
         write_episodes(command.out, rows)
@@ -155,7 +158,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
         console.print(f"One row per episode: {command.out}", highlight=False)
 
 
-def _encoder_for(policy: "Policy | RecurrentPolicy", command: Evaluate) -> "Encoder | None":
+def _encoder_for(policy: "Policy | RecurrentPolicy", command: Evaluate, rules: "EnvConfig") -> "Encoder | None":
     """Return the encoder whose codes a policy sees, None for one that sees none.
 
     Raises `UsageError` for an encoder that a policy of the privileged observation or of images is given, and the errors
@@ -175,7 +178,7 @@ def _encoder_for(policy: "Policy | RecurrentPolicy", command: Evaluate) -> "Enco
         )
     file = encoder_of(policy) if sight == "frames" and command.encoder is None else command.encoder
     encoder = load_compatible_encoder(file, command.device) if sight == "frames" else None
-    check_policy_fits(policy, encoder, task=command.task or "River", vehicle=command.vehicle)
+    check_policy_fits(policy, encoder, task=rules.task, vehicle=rules.vehicle, action=rules.action)
     return encoder
 
 
@@ -214,13 +217,14 @@ def sampling(policy: "Policy | RecurrentPolicy", name: str) -> "Policy | Recurre
     return policy
 
 
-def _courses(command: Evaluate, river: "str | Reach", *, drawn: bool) -> "tuple[Iterable[Course], str]":
+def _courses(
+    command: Evaluate, config: "EvaluationConfig", river: "str | Reach", *, drawn: bool
+) -> "tuple[Iterable[Course], str]":
     """Return the courses of a level, or of a real river, and the name that their rows have."""
     from thalweg.bench.evaluate.course import Course
     from thalweg.train.river import announce_build
 
     if isinstance(river, str):
-        config = command.config
         if command.unseen:
             return Course.unseen(river, config, drawn=drawn), river
         if command.seeds:
@@ -229,4 +233,4 @@ def _courses(command: Evaluate, river: "str | Reach", *, drawn: bool) -> "tuple[
     world_seed = command.world_seed or 0
     river.check()
     announce_build(river, world_seed)
-    return [Course.on(river.build(world_seed), command.config)], river.name
+    return [Course.on(river.build(world_seed), config)], river.name

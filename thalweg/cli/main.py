@@ -25,6 +25,7 @@ from tyro.conf import OmitSubcommandPrefixes, subcommand
 from thalweg.cli.bench import Bench
 from thalweg.cli.encoder import ENCODER_COMMANDS, Encoder, EncoderStudy, EncoderTrain
 from thalweg.cli.evaluate import Evaluate
+from thalweg.cli.fly import Fly
 from thalweg.cli.imitate import Imitate
 from thalweg.cli.leaderboard import Leaderboard
 from thalweg.cli.options import REGISTRY, UsageError
@@ -52,6 +53,7 @@ COMMANDS = {
     "train": Train,
     "imitate": Imitate,
     "evaluate": Evaluate,
+    "fly": Fly,
     "bench": Bench,
     "report": Report,
     "leaderboard": Leaderboard,

@@ -152,8 +152,9 @@ def number(text: str) -> float:
         raise UsageError(f"{text!r} is not a number; write one such as 12, 0.5 or 1e-4") from None
 
 
-def settings_from(given: Sequence[str]) -> dict[str, Any]:
-    """Return the settings in `key=value` pairs, whose values are YAML: numbers, words, true and false, lists."""
+def settings_from(given: Sequence[str], option: str = "--set") -> dict[str, Any]:
+    """Return the settings in `key=value` pairs of an option, whose values are YAML: numbers, words, true and false,
+    lists."""
     import yaml
 
     from thalweg.core.yaml12 import load
@@ -162,11 +163,11 @@ def settings_from(given: Sequence[str]) -> dict[str, Any]:
     for pair in given:
         key, equals, value = pair.partition("=")
         if not equals or not key:
-            raise UsageError(f"--set takes key=value, not {pair!r}")
+            raise UsageError(f"{option} takes key=value, not {pair!r}")
         try:
             settings[key] = load(value)
         except yaml.YAMLError as error:
-            raise UsageError(f"--set {pair!r} cannot be understood: {' '.join(str(error).split())}") from error
+            raise UsageError(f"{option} {pair!r} cannot be understood: {' '.join(str(error).split())}") from error
     return settings
 
 

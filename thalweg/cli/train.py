@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from thalweg.cli.forces import STILL, Forces
 from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, UsageError, checked_task, settings_from
 from thalweg.cli.run_result import print_result
 from thalweg.cli.settings_help import HELP, print_settings
@@ -38,6 +39,7 @@ class Train:
     """River, that of the paper, or Swimmers, Nests, RacingLine or Portage, in which each step may have a cost."""
     hard: bool = False
     """End an episode at the first cost of the task; not for River."""
+    forces: Forces = STILL
     steps: int = 200_000
     """Steps of training, over all environments together."""
     seed: int = 0
@@ -82,6 +84,7 @@ class Train:
         river = self.river.reach("--level", self.level) or self.level or (DEFAULT_LEVEL[self.vehicle],)
         seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError)
         rules = EnvConfig(task=checked_task(self.task), hard=self.hard, vehicle=self.vehicle)
+        rules = self.forces.options().applied(rules)
         training = RiverTraining(
             river, self.num_envs, seeds, rules, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory
         )

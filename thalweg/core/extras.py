@@ -6,6 +6,7 @@ EXTRAS = {
     "plot": ("matplotlib", "pandas", "jinja2"),
     "film": ("imageio", "imageio_ffmpeg"),
     "geo": ("shapely", "pyproj", "gpxpy", "defusedxml"),
+    "viewer": ("starlette", "uvicorn", "websockets"),
     "cuda": ("cuda", "numba_cuda"),
     "cluster": ("ray",),
 }
@@ -18,5 +19,5 @@ def advice_for(error: ModuleNotFoundError) -> str | None:
     if not any(missing in modules for modules in EXTRAS.values()):
         return None
     extra = next(extra for extra, modules in EXTRAS.items() if missing in modules)
-    several = "all" if extra in ("learn", "cli", "plot", "film", "geo") else extra
+    several = "all" if extra in ("learn", "cli", "plot", "film", "geo", "viewer") else extra
     return f"{missing} is not installed; pip install 'thalweg[{several}]' installs what commands need"

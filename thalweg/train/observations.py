@@ -8,6 +8,7 @@ from thalweg.core import versions
 from thalweg.core.cache import file_hash
 from thalweg.encoder import Encoder, PluginEncoder
 from thalweg.env.config import DEFAULT_CONFIG
+from thalweg.env.forces.options import ForceOptions
 from thalweg.env.spaces import CHANNELS
 from thalweg.env.task.priced.eye import features_of
 from thalweg.env.task.proprioception import PROPRIOCEPTION
@@ -67,6 +68,11 @@ def task_of(policy: Any) -> str:
     return context_of(policy).get("env", {}).get("task", "River")
 
 
+def forces_of(policy: Any) -> ForceOptions:
+    """Return wind, current and dynamics under which a policy was trained; none if it does not say it."""
+    return ForceOptions.of_env_data(context_of(policy).get("env", {}))
+
+
 def check_policy_fits(
     policy: Any,
     encoder: Encoder | None,
@@ -75,13 +81,15 @@ def check_policy_fits(
     proprioception: bool | None = None,
     task: str = "River",
     vehicle: str = "uav",
+    action: str = "multidiscrete",
 ) -> None:
     """Raise `TrainingError` unless a policy fits an observation and the actions of the river task.
 
     The observation is the codes of the encoder. For None it is `offered`, by default images for a policy of images, and
     the privileged observation, which differs by `task` and `vehicle`, for any other. `proprioception` is whether that
     is offered too, by default to a policy that takes it. A policy without spaces, such as a baseline, always fits. The
-    vehicle must be the one that the policy was trained for.
+    vehicle must be the one that the policy was trained for. `action` is the kind of actions that are executed, see
+    `EnvConfig.action`.
     """
     context, seen = context_of(policy), observation_of(policy)
     if encoder is not None:
@@ -104,16 +112,28 @@ def check_policy_fits(
     if context and trained_for != vehicle:
         raise TrainingError(f"the policy was trained for the vehicle {trained_for}, not {vehicle}")
     _check_inputs(policy, offered, encoder, (task, vehicle))
-    actions: Actions | None = getattr(policy, "actions", None)
-    if actions is not None and (actions.sizes, actions.start, actions.shape) != (BRANCHES, (0, 0, 0, 0), (4,)):
-        found = f"{actions.sizes} from {actions.start}" if actions.sizes else f"a Box of shape {actions.shape}"
-        raise TrainingError(f"the river task takes four branches of 3 options, counted from 0, not {found}")
+    _check_actions(getattr(policy, "actions", None), action)
     trained_with = context.get("encoder")
     if encoder is not None and trained_with is not None and trained_with != (current := encoder_hash(encoder)):
         raise TrainingError(
             f"the policy was trained on the codes of {encoder_in_words(context)}, but {encoder.about['path']} is"
             f" another encoder (its hash: {current}); use the one that it was trained with"
         )
+
+
+def _check_actions(actions: Actions | None, kind: str) -> None:
+    """Raise `TrainingError` unless the actions of a policy are those of a kind, see `EnvConfig.action`."""
+    if actions is None:
+        return
+    found = f"{actions.sizes} from {actions.start}" if actions.sizes else f"a Box of shape {actions.shape}"
+    if kind == "continuous":
+        if actions.sizes or actions.shape != (4,):
+            raise TrainingError(
+                f"inertial dynamics take continuous actions, a Box of shape (4,), not {found}: choose a policy that was"
+                " trained with them, or kinematic dynamics"
+            )
+    elif (actions.sizes, actions.start, actions.shape) != (BRANCHES, (0, 0, 0, 0), (4,)):
+        raise TrainingError(f"the river task takes four branches of 3 options, counted from 0, not {found}")
 
 
 def _check_versions(seen: str, context: dict[str, Any]) -> None:
@@ -130,7 +150,8 @@ def _check_versions(seen: str, context: dict[str, Any]) -> None:
             f"the policy was trained on version {felt_with} of proprioception, but this is version"
             f" {versions.PROPRIOCEPTION}; train it again"
         )
-    for name, kept in (("tasks", versions.TASKS), ("vehicles", versions.VEHICLES)):
+    current = {"tasks": versions.TASKS, "vehicles": versions.VEHICLES, "props": versions.PROPS}
+    for name, kept in (*current.items(), ("forces", versions.FORCES)):
         trained_on = context.get(f"{name}_version", kept)
         if trained_on != kept:
             raise TrainingError(

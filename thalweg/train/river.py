@@ -16,6 +16,7 @@ from thalweg.core.compute.torch_threads import default_torch_threads
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, PluginEncoder, check_render_version, encoder_plugin, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.forces.arrays import has_forces
 from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
@@ -218,7 +219,8 @@ class RiverTraining:
         RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
         if begun is not None:
             rules = self.config
-            check_policy_fits(begun, encoder, offered=seen, proprioception=felt, task=rules.task, vehicle=rules.vehicle)
+            of = {"task": rules.task, "vehicle": rules.vehicle, "action": rules.action}
+            check_policy_fits(begun, encoder, offered=seen, proprioception=felt, **of)
         if encoder is not None:
             check_camera_fits(self.config.camera, encoder)
         device = resolve_device(device)
@@ -265,6 +267,10 @@ class RiverTraining:
             about[FELT] = versions.PROPRIOCEPTION
         if self.config.task != "River":
             about["tasks_version"] = versions.TASKS
+        if self.config.task_record.props and seen != PRIVILEGED:
+            about["props_version"] = versions.PROPS
+        if has_forces(self.config):
+            about["forces_version"] = versions.FORCES
         if self.config.vehicle != "uav" and seen == PRIVILEGED:
             about["vehicles_version"] = versions.VEHICLES
         config = self.config if encoder is not None and not felt else self._config_of(seen, encoder, felt)

@@ -1,9 +1,10 @@
-"""Geometry of arch bridges: the random row of a bridge, its convex collision hull, and the causeways to its ends.
+"""Geometry of arch bridges: the random row of a bridge, its deck and collision hull, and the causeways to its ends.
 
 Rows [11] have the columns of `thalweg.world.record.BRIDGE`. The rules use the hull for collisions: the space under the
 arch counts as solid, so a camera has to fly over the bridge.
 """
 
+import math
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -71,6 +72,14 @@ def local_coordinates(row: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np
     cos, sin = np.cos(bridge.angle), np.sin(bridge.angle)
     dx, dy = x - bridge.x, y - bridge.y
     return cos * dx + sin * dy, -sin * dx + cos * dy
+
+
+def deck(row: np.ndarray) -> np.ndarray:
+    """Return the corners [4, 2] in metres of a bridge's deck from above; `row` [11] is one of `World.bridges`."""
+    along = np.array([math.cos(row[2]), math.sin(row[2])])
+    across = np.array([-along[1], along[0]])
+    shares = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * 0.5
+    return row[:2] + shares[:, :1] * row[3] * along + shares[:, 1:] * row[4] * across
 
 
 def top_profile(row: np.ndarray) -> np.ndarray:

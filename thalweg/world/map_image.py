@@ -14,6 +14,7 @@ from matplotlib.patches import Patch, Polygon, Rectangle
 from matplotlib.patheffects import withStroke
 
 from thalweg.core.atomic_io import atomic_path
+from thalweg.world.bridges import deck
 from thalweg.world.islands import outline
 from thalweg.world.noise import fractal, smooth_step
 from thalweg.world.record import World
@@ -192,14 +193,6 @@ def _draw_solids(axes, world: World, point: float) -> None:
         )
     for island in world.islands:
         axes.add_patch(Polygon(outline(island), fill=False, edgecolor=ISLAND, lw=1.6 * point, zorder=SOLIDS))
-
-
-def deck(bridge: np.ndarray) -> np.ndarray:
-    """Return the corners [4, 2] in metres of a bridge's deck from above; `bridge` [11] is a row of `World.bridges`."""
-    along = np.array([math.cos(bridge[2]), math.sin(bridge[2])])
-    across = np.array([-along[1], along[0]])
-    shares = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * 0.5
-    return bridge[:2] + shares[:, :1] * bridge[3] * along + shares[:, 1:] * bridge[4] * across
 
 
 def _draw_scale_and_north(axes, world: World, box: tuple[float, float, float, float], point: float) -> None:

@@ -9,7 +9,7 @@ from tests.env import handmade
 from thalweg.bench.report.comparison_figures import condition_grid, return_profiles
 from thalweg.bench.report.failure_maps import failure_maps
 from thalweg.bench.results.results import Results
-from thalweg.world.map_image import deck
+from thalweg.world.bridges import deck
 
 
 def test_profiles_have_a_line_for_each_trained_policy(results: Results):

@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -47,7 +48,8 @@ def with_suite(folder: Path, **changes: object) -> None:
     """Change keys of the suite of some results; runs of PPO have the versions of what it then sees."""
     suite = json.loads((folder / "suite.json").read_text())
     (folder / "suite.json").write_text(json.dumps(suite | changes))
-    record_current_versions(folder, observation=str(changes.get("observation", "frames")))
+    rules: dict[str, Any] = {"task": changes.get("task", "River"), "forces": "forces" in changes}
+    record_current_versions(folder, observation=str(changes.get("observation", "frames")), **rules)
 
 
 def test_published_figures_of_frames_do_not_stand_below_policies_that_see_none(tiny_results: Path):
@@ -55,6 +57,26 @@ def test_published_figures_of_frames_do_not_stand_below_policies_that_see_none(t
     assert list(table_of(tiny_results)) == ["hover", "PPO"]
     sources = {row["source"] for row in csv.DictReader(paper_table(read_results(tiny_results)).csv.splitlines())}
     assert sources == {"thalweg"}
+
+
+WIND = {"wind": {"speed_m_per_s": [1.0, 3.0]}, "current_m_per_s": [0.5, 0.5]}
+
+
+@pytest.mark.parametrize(
+    ("rules", "sentence"),
+    [
+        ({"task": "Swimmers", "hard": True}, "The task is Swimmers, in hard mode."),
+        ({"forces": WIND}, "The task is River, under wind and a current."),
+        ({"forces": {"dynamics": "inertial"}}, "The task is River, under inertia."),
+    ],
+)
+def test_other_rules_are_named_and_no_published_figures_stand_below_them(
+    tiny_results: Path, rules: dict, sentence: str
+):
+    with_suite(tiny_results, **rules)
+    results = read_results(tiny_results)
+    assert not results.outdated and set(paper_table(results).text.iloc[:, 0]) == {"hover", "PPO"}
+    assert sentence in write_report(tiny_results).page.read_text()
 
 
 def test_the_page_says_which_policies_see_no_frames(tiny_results: Path):

@@ -5,9 +5,12 @@ from dataclasses import dataclass, fields
 from math import isfinite
 from pathlib import Path
 
+import numpy as np
+
 from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
 from thalweg.core.atomic_io import write_atomic
 from thalweg.env import DoneReason
+from thalweg.world.record import River
 
 ALL_REASONS = tuple(reason.label for reason in DoneReason if reason >= 0)
 """Reasons for the end of an episode, in the order of the codes of `thalweg.env.DoneReason`."""
@@ -87,6 +90,21 @@ COLUMNS = tuple(
     for field in fields(Episode)
     if field.name not in (*SHIELD_COLUMNS, *OPEN_COLUMNS, *PLUGIN_COLUMNS)
 )
+
+
+def share_ahead(rivers: Sequence[River], travel: np.ndarray, segment: np.ndarray) -> np.ndarray:
+    """Return [K] the share of the segments of K courses from a segment [K] on, in a direction travel [K], 1 or -1; NaN
+    on a loop."""
+    segments = np.array([river.segments for river in rivers])
+    ahead = np.where(travel > 0, segments - segment, segment + 1)
+    return np.where([river.closed for river in rivers], np.nan, ahead / segments)
+
+
+def flown_of_ahead(progress: float, ahead: float) -> float | None:
+    """Return the share flown of what lay ahead of a start, an `Episode.ahead`, from the progress at the end and the
+    share ahead at the start; None on a loop."""
+    share = progress / ahead
+    return None if np.isnan(share) else min(float(share), 1.0)
 
 
 def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:

@@ -14,18 +14,20 @@ import numpy as np
 import torch
 
 from thalweg.algos.policy.policy import Player
-from thalweg.bench.evaluate.baselines import DRAWN, Policy, RecurrentPolicy, Sight, sight_of
+from thalweg.bench.evaluate.baselines import DRAWN, Constant, Policy, Random, RecurrentPolicy, Sight, sight_of
 from thalweg.bench.evaluate.course import DEFAULT_EVALUATION, Course, EvaluationConfig
-from thalweg.bench.evaluate.episodes import ALL_REASONS, END_COLUMNS, Episode
-from thalweg.bench.evaluate.shielded import FlightShield, check_shield
-from thalweg.core.compute.counter_random import scene_of
+from thalweg.bench.evaluate.episodes import ALL_REASONS, END_COLUMNS, Episode, flown_of_ahead, share_ahead
+from thalweg.bench.evaluate.shielded import FlightShield, check_moves, check_shield
+from thalweg.core.compute.counter_random import scene_of, weather_of
 from thalweg.core.compute.device import resolve_device
 from thalweg.encoder import Encoder
-from thalweg.env import RiverVectorEnv
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.pilot.in_rivers import PILOTS
-from thalweg.env.spaces import CHANNELS
+from thalweg.env.spaces import CHANNELS, from_unit_actions
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
+from thalweg.render.records.breeze import ruffle
 from thalweg.train.encoder_of_run import context_of
 from thalweg.train.folder.run_record import PLUGIN
 from thalweg.train.observations import feels, observation_of
@@ -55,6 +57,8 @@ class Step:
     """[K] float64, returns so far."""
     props: np.ndarray | None = None
     """[K, P, 6] float32, the objects of the task in each view (`thalweg.render.records.props`); None without any."""
+    wind: np.ndarray | None = None
+    """[K, 2] float64, m/s towards east and north: the mean wind of each episode; None without any."""
     waiting: int = 0
     """Number of episodes on other rivers that have not started."""
 
@@ -154,7 +158,10 @@ def _frames_of(
         rows = step.flying
         looks = select(course.looks if course else None, rows, look_values(None, 1))
         suns = select(course.suns if course else None, rows, np.zeros(1, np.int64))
-        arrays = (suns, step.poses, step.time_s, look_rows(looks, camera))
+        rows_of_looks = look_rows(looks, camera)
+        if step.wind is not None:
+            ruffle(rows_of_looks, *step.wind.T)
+        arrays = (suns, step.poses, step.time_s, rows_of_looks)
         size = len(rows), camera.height_px, camera.width_px, channels
         frames = torch.empty(size, dtype=torch.uint8, device=device)
         views = tuple(torch.from_numpy(np.ascontiguousarray(array)).to(device) for array in arrays)
@@ -186,6 +193,7 @@ def evaluate(
     """
     if shield is not None:
         check_shield(policy, observe)
+        check_moves(config.env.action)
     sees = sight_of(policy)
     if sees in DRAWN and observe is None:
         such = "encoded_frames(world, load_encoder())" if sees == "frames" else "image_frames(world, 'rgb+mask')"
@@ -194,14 +202,19 @@ def evaluate(
     env = start_env(course, config, sees, felt)
     if shield is not None:
         shield.begin(env, course.looks)
-    players = [_player(policy, episode_generator(label, int(index)), config) for index in course.indices]
-    totals = _EpisodeTotals(_share_ahead(course, env.get_state()))
-    actions = np.ones((len(course.starts), 4), dtype=np.int64)
+    generators = [episode_generator(label, int(index)) for index in course.indices]
+    players = [
+        player_of(policy, generator, deterministic=config.deterministic, env=config.env) for generator in generators
+    ]
+    rivers = [world.river for world in course.rivers or (course.world,) * len(course.starts)]
+    totals = _EpisodeTotals(share_ahead(rivers, env.state.travel, env.state.segment))
+    actions = from_unit_actions(config.env.action, np.zeros((len(course.starts), 4)))
     while len(flying := np.flatnonzero(totals.reason < 0)):
         state = env.get_state()
         props = env.props() if config.env.task_record.props else None
         seen = None if props is None else props[flying]
-        step = Step(flying, state["pose"][flying], state["time_s"][flying], totals.return_[flying], seen)
+        wind = env.forces.horizontal[flying] if config.env.wind is not None else None
+        step = Step(flying, state["pose"][flying], state["time_s"][flying], totals.return_[flying], seen, wind)
         if on_step is not None:
             on_step(step)
         if sees in (*DRAWN, "privileged") and observe is not None:
@@ -231,11 +244,21 @@ def made_by(policy: Any) -> tuple[int, str]:
     return plugin.get("version", 0), plugin.get("source", "")
 
 
-def _player(policy: Policy | RecurrentPolicy, generator: torch.Generator, config: EvaluationConfig) -> Player:
-    """Return the policy in one episode, with its own memory if it has one."""
+def player_of(
+    policy: Policy | RecurrentPolicy,
+    generator: torch.Generator,
+    *,
+    deterministic: bool = False,
+    env: EnvConfig = DEFAULT_CONFIG,
+) -> Player:
+    """Return the policy in one episode of an environment, with its own memory if it has one."""
     if isinstance(policy, RecurrentPolicy):
-        return policy.player(1, deterministic=config.deterministic, generator=generator)
-    return lambda obs, fresh: policy.act(obs, deterministic=config.deterministic, generator=generator)
+        return policy.player(1, deterministic=deterministic, generator=generator)
+    if env.action == "continuous" and isinstance(policy, Random | Constant):  # they choose among options
+        return lambda obs, fresh: from_unit_actions(
+            env.action, 1 - policy.act(obs, deterministic=deterministic, generator=generator), env.fast_ratio
+        )
+    return lambda obs, fresh: policy.act(obs, deterministic=deterministic, generator=generator)
 
 
 def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:
@@ -259,15 +282,9 @@ def start_env(course: Course, config: EvaluationConfig, sees: Sight = "nothing",
         moves = env.courses.swimmers[env.world_index] > 0
         state["scene"] = np.where(moves, [scene_of(config.starts_seed, index) for index in course.indices], 0)
     env.set_state(state)
+    for row, index in enumerate(course.indices):  # and so does the weather
+        env.forces.begin_with(row, weather_of(config.starts_seed, int(index)))
     return env
-
-
-def _share_ahead(course: Course, state: dict[str, np.ndarray]) -> np.ndarray:
-    """Return [K] the share of the course's segments from that of each start on, in its direction; NaN on a loop."""
-    rivers = [world.river for world in course.rivers or (course.world,) * len(course.starts)]
-    segments = np.array([river.segments for river in rivers])
-    ahead = np.where(state["travel"] > 0, segments - state["segment"], state["segment"] + 1)
-    return np.where([river.closed for river in rivers], np.nan, ahead / segments)
 
 
 class _EpisodeTotals:
@@ -294,11 +311,6 @@ class _EpisodeTotals:
         self.reason[flying] = info["done_reason"][flying]
         self.ends[flying] = info["pose"][flying, :3]
 
-    def _ahead(self, index: int) -> float | None:
-        """Return the share flown of what lay ahead of a start; None on a loop."""
-        share = self.progress[index] / self.share_ahead[index]
-        return None if np.isnan(share) else min(float(share), 1.0)
-
     def rows(self, course: Course, label: Label) -> list[Episode]:
         return [
             Episode(
@@ -316,7 +328,7 @@ class _EpisodeTotals:
                 reason=ALL_REASONS[self.reason[index]],
                 success=ALL_REASONS[self.reason[index]] == "Success",
                 progress=float(self.progress[index]),
-                ahead=self._ahead(index),
+                ahead=flown_of_ahead(self.progress[index], self.share_ahead[index]),
                 **dict(zip(END_COLUMNS, map(float, self.ends[index]), strict=True)),
             )
             for index in range(len(course.starts))

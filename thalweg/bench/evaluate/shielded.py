@@ -66,6 +66,15 @@ def check_shield(policy: Any, observe: Any) -> None:
         )
 
 
+def check_moves(action: str) -> None:
+    """Raise `ResultsError` for an action space, see `EnvConfig.action`, of which the shield knows no moves."""
+    if action != "multidiscrete":
+        raise ResultsError(
+            f"the shield judges the moves of multidiscrete actions, but these are {action}, as inertial dynamics need:"
+            " leave the shield out, or choose kinematic dynamics"
+        )
+
+
 class FlightShield:
     """The shield of the flights on one course."""
 

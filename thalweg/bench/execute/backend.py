@@ -19,7 +19,6 @@ from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
-from thalweg.env import EnvConfig
 from thalweg.train import load_policy
 from thalweg.train.observations import check_policy_fits, observation_of
 from thalweg.train.river import RiverTraining, load_compatible_encoder
@@ -37,6 +36,8 @@ def installed_versions() -> dict[str, int | None]:
         "render": versions.RENDER,
         "rules": versions.RULES,
         "tasks": versions.TASKS,
+        "props": versions.PROPS,
+        "forces": versions.FORCES,
         "privileged": versions.PRIVILEGED,
         "training": versions.TRAINING,
         "evaluation": versions.EVALUATION,
@@ -90,7 +91,7 @@ class RiverBackend:
 
     def config(self, trial: Trial) -> EvaluationConfig:
         """Return the configuration of a trial's evaluation."""
-        suite, rules = self.suite, EnvConfig(observation="none", task=self.suite.task)
+        suite, rules = self.suite, self.suite.rules.with_options(observation="none")
         return EvaluationConfig(suite.episodes, suite.starts_seed, trial.condition.deterministic, rules)
 
     def courses(self, trial: Trial, *, drawn: bool = True) -> list[Course]:
@@ -115,7 +116,7 @@ class RiverBackend:
 
     def _train(self, run: Run, stage: Stage | Arm, level: str, folder: Path, begin_with: Path | None) -> None:
         seeds = self.suite.seeds_of(self.suite.arm(run.algorithm), stage)
-        RiverTraining(level, self.suite.num_envs, seeds, EnvConfig(task=self.suite.task)).train(
+        RiverTraining(level, self.suite.num_envs, seeds, self.suite.rules).train(
             stage.algorithm,
             self.encoder(run) if self.suite.observation_of(run) == "frames" else None,
             steps=stage.steps,
@@ -140,7 +141,7 @@ class RiverBackend:
         """Return the observation function for each course; None for a policy for which nothing is drawn."""
         sees = sight_of(policy)
         encoder = self.encoder(run) if sees == "frames" else None
-        check_policy_fits(policy, encoder, task=self.suite.task)
+        check_policy_fits(policy, encoder, task=self.suite.task, action=self.suite.rules.action)
         shielded = trial.condition.shield
         if shielded:
             check_masks(policy, encoder)

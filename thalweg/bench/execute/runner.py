@@ -36,7 +36,6 @@ from thalweg.core.machine import machine_info, package_versions
 from thalweg.core.plugins.record import PluginWarning, changed_source
 from thalweg.core.run_folder import FolderKind
 from thalweg.core.suggestion import did_you_mean
-from thalweg.env import EnvConfig
 from thalweg.train.observations import FRAMES
 
 RESULTS_FOLDER = FolderKind("suite", "suite.json", ResultsError)
@@ -121,15 +120,14 @@ def selected_runs(suite: Suite, only: tuple[str, ...]) -> list[Run]:
 def claim(folder: Path, suite: Suite) -> None:
     """Claim the folder for this suite; raises `ResultsError` if it holds anything but results of the same suite."""
     if RESULTS_FOLDER.is_new(folder):
-        rules = EnvConfig(task=suite.task)
-        about = {"env": rules.as_data(), "versions": package_versions(), "machine": machine_info()}
+        about = {"env": suite.rules.as_data(), "versions": package_versions(), "machine": machine_info()}
         RESULTS_FOLDER.write_json(folder, suite.as_data() | about)
         return
     try:
         record = read_suite(folder)
     except ResultsError as error:
         raise ResultsError(f"{folder} cannot be resumed: {error}; choose another folder") from error
-    usual = {"task": "River", "policies": []}  # not written
+    usual = {"task": "River", "hard": False, "forces": {}, "policies": []}  # not written
     requested = usual | json.loads(json.dumps(suite.as_data()))
     recorded = usual | {key: value for key, value in record.items() if key in requested}
     RESULTS_FOLDER.require_same(folder, _arms_by_name(recorded), _arms_by_name(requested))
@@ -144,10 +142,11 @@ def _versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
     """Return the current versions of what a run depends on."""
     if run.kind == "function":
         seen, encoder = suite.observation_of(run) or FRAMES, suite.encoder_of(run)
-        made = current_versions(run.kind, (), observation=seen, encoder=encoder, task=suite.task)
+        where = {"task": suite.task, "forces": suite.forces.push}
+        made = current_versions(run.kind, (), observation=seen, encoder=encoder, **where)
         return made | {run.algorithm: suite.function(run.algorithm).policy.version}
     if run.kind != "train":
-        return current_versions(run.kind, [run.algorithm], task=suite.task)
+        return current_versions(run.kind, [run.algorithm], task=suite.task, forces=suite.forces.push)
     arm = suite.arm(run.algorithm)
     stages = [*arm.before, arm]
     return current_versions(
@@ -159,6 +158,7 @@ def _versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
             (stage.algorithm, stage.settings, stage.preset) for stage in stages
         ),
         task=suite.task,
+        forces=suite.forces.push,
     )
 
 

@@ -54,6 +54,8 @@ class Flight:
     """[T] float64, the return before each step."""
     props: np.ndarray | None = None
     """[T, P, 6] float32, the objects of the task; None without any."""
+    wind: np.ndarray | None = None
+    """[T, 2] float64, m/s towards east and north: the mean wind; None without any."""
 
     @classmethod
     def from_steps(cls, episode: Episode, steps: list[Step]) -> "Flight":
@@ -65,6 +67,9 @@ class Flight:
             np.concatenate([step.returns for step in steps]),
             np.concatenate([step.props for step in steps if step.props is not None])
             if steps[0].props is not None
+            else None,
+            np.concatenate([step.wind for step in steps if step.wind is not None])
+            if steps[0].wind is not None
             else None,
         )
 
@@ -140,8 +145,8 @@ def film_frames(
     fonts = [_fitting_font(texts, shape) for texts in zip(*captions, strict=True)]
     for index, lines in zip(shown, captions, strict=True):
         now = slice(index, index + 1)
-        props = {} if flight.props is None else {"props": flight.props[now]}
-        frame = renderer.render(flight.poses[now], np.zeros(1, dtype=np.int64), flight.time_s[now], **props)[0]
+        also = {name: values[now] for name in ("props", "wind") if (values := getattr(flight, name)) is not None}
+        frame = renderer.render(flight.poses[now], np.zeros(1, dtype=np.int64), flight.time_s[now], **also)[0]
         canvas = Image.new("RGB", shape.size_px, BACKGROUND)
         camera_view = Image.fromarray(frame[..., :3]).resize((shape.view_px, shape.view_px))
         canvas.paste(camera_view, (MARGIN_PX, MARGIN_PX))

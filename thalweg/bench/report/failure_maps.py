@@ -19,8 +19,9 @@ from thalweg.bench.report.figures import REASON_COLOURS, STYLE
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.world import LEVELS, World, level_named, load_or_build
+from thalweg.world.bridges import deck
 from thalweg.world.islands import outline
-from thalweg.world.map_image import DECK, deck, view
+from thalweg.world.map_image import DECK, view
 
 WATER, LAND, SHORE, RAIL = "#bcd7e6", "#eef0e6", "#9aa58b", "#7a6f58"
 COLUMNS = 4

@@ -16,7 +16,7 @@ from markupsafe import Markup
 from thalweg.bench.report.sections import FigureSection, FilmSection, Section, TableSection
 from thalweg.bench.report.table import Table, is_published, numeric_columns
 from thalweg.bench.results.results import Results
-from thalweg.bench.suite.record import arms_of
+from thalweg.bench.suite.record import arms_of, rules_in_words
 from thalweg.train.observations import FRAMES, PRIVILEGED
 
 HERE = Path(__file__).parent
@@ -78,7 +78,8 @@ def _introduction(results: Results) -> str:
                 f"This is far fewer than the paper's {PAPER_STEPS:,} steps: it shows that everything runs, not which"
                 " policy is better."
             )
-    return " ".join([*sentences, *_observations(results)])
+    rules = rules_in_words(results.suite)
+    return " ".join([*sentences, *([rules] if rules else []), *_observations(results)])
 
 
 def _observations(results: Results) -> Iterator[str]:

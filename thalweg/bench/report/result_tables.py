@@ -10,6 +10,7 @@ from thalweg.bench.report.table import PAPER, Table, estimate_figures, frame
 from thalweg.bench.results.inference import Estimate, bootstrap_iqm_return, iqm_return, proportion
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import Summary, group_episodes, mean_and_std_text, summaries
+from thalweg.bench.suite.record import has_papers_rules
 
 UNPUBLISHED = "not published"
 """Text where the paper gives no figure for a level on which it has others."""
@@ -25,10 +26,11 @@ def paper_table(results: Results) -> Table:
 
     Every algorithm of the results has a row; where it has no episodes, its cells say why. The figures have one row per
     policy and level, with `source` to tell the published ones apart. The published policies see frames and stand below
-    no policy that does not.
+    no policy that does not, nor below results by other rules.
     """
     apart = results.privileged
-    published = {pair: figures for pair, figures in PUBLISHED.items() if pair[0] not in apart}
+    comparable = PUBLISHED if has_papers_rules(results.suite) else {}
+    published = {pair: figures for pair, figures in comparable.items() if pair[0] not in apart}
     by_policy_and_level = summaries(results.episodes)
     columns = ["policy", "seeds", *(f"{level} {what}" for level in results.levels for what in ("return", "cost"))]
     rows = []

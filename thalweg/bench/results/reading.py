@@ -34,7 +34,15 @@ from thalweg.bench.results.run_versions import (
 )
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.config import PACKAGED
-from thalweg.bench.suite.record import arms_of, encoder_of, observation_of, read_suite, stages_of
+from thalweg.bench.suite.record import (
+    arms_of,
+    encoder_of,
+    has_forces,
+    observation_of,
+    read_suite,
+    stages_of,
+    task_of,
+)
 
 Value = TypeVar("Value")
 
@@ -189,15 +197,15 @@ def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, O
 
 def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[str, int | None]:
     """The versions that a policy's runs have now; if the suite does not name it, derived from the recorded ones."""
-    task = suite.get("task", "River")
+    where: dict[str, Any] = {"task": task_of(suite), "forces": has_forces(suite)}
     if policy in suite.get("baselines", []):
-        return current_versions("baseline", [policy], task=task)
+        return current_versions("baseline", [policy], **where)
     if policy == PACKAGED:
-        return current_versions("packaged", (), task=task)
+        return current_versions("packaged", (), **where)
     function = next((each for each in suite.get("policies", []) if each["name"] == policy), None)
     if function is not None:  # its version is not known here: a report loads no function
         seen, encoder = function["observation"], suite.get("encoder", "default")
-        made = current_versions("function", (), observation=seen, encoder=encoder, task=task)
+        made = current_versions("function", (), observation=seen, encoder=encoder, **where)
         return made | ({policy: recorded[policy]} if policy in recorded else {})
     arm = next((arm for arm in arms_of(suite) if arm["name"] == policy), None)
     if arm is not None:
@@ -208,13 +216,18 @@ def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[
             observation=observation_of(suite, arm),
             encoder=encoder_of(suite, arm),
             asymmetric_critics=some_critics_are_asymmetric(stages),
-            task=task,
+            **where,
         )
     known = (
-        current_versions("train", [name for name in recorded if version_of(name) is not None], asymmetric_critics=True)
+        current_versions(
+            "train",
+            [name for name in recorded if version_of(name) is not None],
+            asymmetric_critics=True,
+            **where,
+        )
         | current_versions("train", (), encoder=GEOMETRY)
         | current_versions("packaged", ())
-        | current_versions("baseline", [policy], task=task)
+        | current_versions("baseline", [policy], **where)
     )
     return {name: version for name, version in known.items() if name in recorded or not recorded}
 

@@ -16,6 +16,7 @@ from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.plugins.record import Plugin, PluginError
 from thalweg.encoder import encoder_plugin
+from thalweg.env.tasks import TASKS
 from thalweg.train.observations import FRAMES, PRIVILEGED
 from thalweg.train.run import has_asymmetric_critics
 
@@ -44,6 +45,7 @@ def current_versions(
     encoder: str = DEFAULT,
     asymmetric_critics: bool = False,
     task: str = "River",
+    forces: bool = False,
 ) -> dict[str, int | None]:
     """The versions that a run of a kind (`train`, `baseline`, `packaged` or `function`) depends on.
 
@@ -52,14 +54,18 @@ def current_versions(
     sees: only codes of frames depend on the packaged `encoder` of this name, and only the privileged observation does
     not depend on the renderer; `asymmetric_critics` is whether the critics of some stage see the privileged one as
     well. The packaged policy sees images; baselines see nothing. Only results of a `task` beside the paper's depend on
-    the tasks.
+    the tasks, and where frames show its objects, on these; only those under `forces` on wind, current and inertia.
     """
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if task != "River":
         rivers["tasks"] = versions.TASKS
+    if forces:
+        rivers["forces"] = versions.FORCES
     if kind == "baseline":
         return rivers | ({"imitation": versions.IMITATION} if STEADY in algorithms else {})
     render, coded = {"render": versions.RENDER}, {"encoder": versions.PACKAGED_ENCODER}
+    if TASKS[task].props:
+        render["props"] = versions.PROPS
     if encoder != DEFAULT:
         coded = {encoder: versions.PACKAGED_GEOMETRY if encoder == GEOMETRY else _version_of_plugin(encoder)}
     if kind == "packaged":

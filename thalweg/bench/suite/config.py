@@ -20,6 +20,8 @@ from thalweg.core.config import TupleOf, WholeNumber, frozen_config, refuse_unkn
 from thalweg.core.plugins.record import PluginError
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import encoder_names
+from thalweg.env.config import EnvConfig
+from thalweg.env.forces.options import ForceOptions
 from thalweg.env.tasks import TaskName
 from thalweg.train.errors import TrainingError
 from thalweg.train.run import check_warmup
@@ -205,6 +207,10 @@ class Suite:
     """Seeds of the rivers to train on, unless the arm has its own; if empty, the fixed river of the level."""
     task: TaskName = "River"
     """Task that is trained and flown, see `thalweg.env.tasks`."""
+    hard: bool = False
+    """Whether the first cost of the task ends an episode; not for River."""
+    forces: ForceOptions = field(default_factory=ForceOptions)
+    """Wind, current and dynamics in training and flights."""
     film: Film = "packaged"
     """Whose best flight the main film shows: that of the `packaged` policy, if it is evaluated, or the `best` trained
     one's; `none`, or false: nothing is filmed. It does not belong to the results, and may be changed."""
@@ -214,6 +220,7 @@ class Suite:
         try:
             self._check_known()
             self._check_repeated()
+            self._check_actions()
         except ValueError as error:
             raise ValueError(f"suite {self.name}: {error}") from error
         if not self.runs() or not self.test_levels:
@@ -240,6 +247,24 @@ class Suite:
             ("encoder", {self.encoder, *(arm.encoder or self.encoder for arm in self.arms)}, encoder_names()),
         ):
             refuse_unknown(what, names, known, ValueError)
+
+    def _check_actions(self) -> None:
+        """Raise `ValueError` for rules that do not go together, and for discrete actions where they are continuous."""
+        if self.rules.action == "multidiscrete":
+            return
+        if self.packaged:
+            raise ValueError(
+                "the packaged policy has no continuous actions, which inertial dynamics need: set packaged: false"
+            )
+        if self.policies:
+            raise ValueError(
+                f"{self.policies[0].label}: functions take discrete actions, but inertial dynamics need continuous ones"
+            )
+        shields = [condition.name for condition in self.conditions if condition.shield]
+        if shields:
+            raise ValueError(
+                f"condition {shields[0]}: the shield judges no continuous actions, which inertial dynamics need"
+            )
 
     def _check_repeated(self) -> None:
         """Raise `ValueError` for anything that is named twice: its results would count twice."""
@@ -281,6 +306,11 @@ class Suite:
         """Return the function with a label."""
         return next(each for each in self.policies if each.label == label)
 
+    @property
+    def rules(self) -> EnvConfig:
+        """Rules of training and flights; raises `ConfigError` for what does not go together."""
+        return self.forces.applied(EnvConfig(task=self.task, hard=self.hard))
+
     def arm(self, label: str) -> Arm:
         """Return the arm with a label."""
         return next(arm for arm in self.arms if arm.label == label)
@@ -321,14 +351,16 @@ class Suite:
 
     def as_data(self) -> dict[str, Any]:
         """Return the suite as plain data for JSON; without an observation of frames, the default encoder, seeds of
-        rivers if there are none, and the paper's task, as before there were others, and without what is filmed, which
-        changes no result."""
+        rivers if there are none, and the paper's task in still air, as before there were others, and without what is
+        filmed, which changes no result."""
         conditions = [condition.as_data() for condition in self.conditions]
-        usual = {"observation": "frames", "encoder": "default", "world_seeds": [], "task": "River", "film": self.film}
-        functions = {"policies": [each.as_data() for each in self.policies]} if self.policies else {}
-        data = _without(to_plain(self), **usual) | _rivers(self.world_seeds)
+        usual = {"observation": "frames", "encoder": "default", "world_seeds": [], "film": self.film}
+        usual |= {"task": "River", "hard": False, "forces": {}}
+        data = _without(to_plain(self) | {"forces": self.forces.as_data()}, **usual)
+        data |= _rivers(self.world_seeds)
         del data["policies"]
-        return data | functions | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
+        data |= {"policies": [each.as_data() for each in self.policies]} if self.policies else {}
+        return data | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
 
 
 def _rivers(seeds: tuple[int, ...]) -> dict[str, Any]:

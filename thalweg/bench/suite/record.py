@@ -84,6 +84,8 @@ class SuiteRecord:
     made_by: Mapping[str, Any] = field(default_factory=dict)
     observation: str = "frames"
     task: str = PAPER_TASK
+    hard: bool = False
+    forces: Mapping[str, Any] = field(default_factory=dict)
     encoder: str = "default"
     policies: TupleOf[FunctionRecord] = ()
 
@@ -139,6 +141,30 @@ def observation_of(record: Mapping[str, Any], arm: Mapping[str, Any]) -> str:
 def task_of(record: Mapping[str, Any]) -> str:
     """Return the task of a suite's record; the paper's if it does not say it."""
     return record.get("task", PAPER_TASK)
+
+
+def has_forces(record: Mapping[str, Any]) -> bool:
+    """Return whether wind, current or inertia move the vehicle in a suite's record."""
+    forces = record.get("forces", {})
+    pushes = [forces.get(name) for name in ("wind", "current_m_per_s")]
+    return forces.get("dynamics") == "inertial" or any(each is not None for each in pushes)
+
+
+def has_papers_rules(record: Mapping[str, Any]) -> bool:
+    """Return whether the task of a suite's record is the paper's, in still air and by steps."""
+    return task_of(record) == PAPER_TASK and not has_forces(record)
+
+
+def rules_in_words(record: Mapping[str, Any]) -> str:
+    """Return a sentence about the rules of a suite's record; empty for those of the paper."""
+    if has_papers_rules(record):
+        return ""
+    hard = ", in hard mode" if record.get("hard") else ""
+    forces = record.get("forces", {})
+    current = "" if forces.get("current_m_per_s") is None else "a current"
+    blowing = ["wind" if forces.get("wind") else "", current, "inertia" if forces.get("dynamics") == "inertial" else ""]
+    under = " and ".join(word for word in blowing if word)
+    return f"The task is {task_of(record)}{hard}" + (f", under {under}." if under else ".")
 
 
 def encoder_of(record: Mapping[str, Any], arm: Mapping[str, Any]) -> str:

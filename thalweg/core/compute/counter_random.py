@@ -43,6 +43,12 @@ def scene_of(seed, episode):
 
 
 @kernel(fastmath=False, allocates=False)
+def weather_of(seed, episode):
+    """Return the key, a non-negative int64, of the weather of an episode that has no generator of its own."""
+    return np.int64(hashed(seed, episode, 0x3EA7) >> u64(1))
+
+
+@kernel(fastmath=False, allocates=False)
 def normal_pair(seed, episode, counter):
     """Return two independent standard normal numbers; they take two counters.
 

@@ -32,7 +32,13 @@ class ForcesOfMany:
     def begin(self, row: int, generator: np.random.Generator) -> None:
         """Draw the weather of a new episode in environment `row`; draws nothing if there are no forces."""
         if self.numbers is not None:
-            begin_weather(row, int(generator.integers(1 << 63)), self.numbers, self.state)
+            self.begin_with(row, int(generator.integers(1 << 63)))
+
+    def begin_with(self, row: int, key: int) -> None:
+        """Begin the weather of a key, a non-negative int64, in environment `row`; does nothing if there are no
+        forces."""
+        if self.numbers is not None:
+            begin_weather(row, key, self.numbers, self.state)
             self._find_horizontal(row)
 
     def step_all(

@@ -1,0 +1,96 @@
+"""Tests of `thalweg fly` on the command line: what it refuses before it serves, its port, and its end."""
+
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from thalweg.cli.fly import Fly, _name_of
+from thalweg.cli.main import main
+from thalweg.viewer.errors import ViewerError
+from thalweg.viewer.flight.looks import LOOKS
+from thalweg.viewer.server.app import USUAL_PORT, bind
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        (["--port", "70000"], "--port must be from 0 to 65535, not 70000"),
+        (["--host", "0.0.0.0"], "--host 0.0.0.0 would serve on all addresses"),
+        (["--level", "Eazy"], "'Eazy'"),
+        (["--look", "autum"], "did you mean 'autumn'?"),
+        (["--size", "20"], "size_px must be"),
+        (["--task", "Nest"], "unknown task 'Nest' (did you mean 'Nests'?)"),
+        (["--vehicle", "asv", "--task", "Nests"], "task must be River for the vehicle asv"),
+        (["missing/policy"], "no policy at missing/policy"),
+    ],
+)
+def test_a_wrong_option_is_refused_before_anything_is_served(
+    options: list[str], error: str, capsys: pytest.CaptureFixture
+):
+    assert main(["fly", *options]) == 2
+    told = capsys.readouterr()
+    assert error in told.err and told.out == ""
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture):
+    (tmp_path / "flights").write_text("")
+    assert main(["fly", "--out", str(tmp_path / "flights")]) == 2
+    assert "is not a folder" in capsys.readouterr().err
+
+
+def test_the_help_names_all_looks():
+    help_text = (ROOT / "thalweg" / "cli" / "fly.py").read_text()
+    (listed,) = re.findall(r'"""Appearance: (.*)\."""', help_text)
+    assert re.split(", | or ", listed) == list(LOOKS)
+
+
+def test_a_port_that_is_taken_is_named_unless_none_was_asked_for():
+    with bind(0) as taken:
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(ViewerError, match=f"port {port} of 127.0.0.1 cannot be used: another program has it"):
+            bind(port)
+    with socket.socket() as usual:
+        usual.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            usual.bind(("127.0.0.1", USUAL_PORT))
+            usual.listen()
+        except OSError:  # something else has it, which serves as well
+            pass
+        with bind(None) as other:
+            assert other.getsockname()[1] != USUAL_PORT
+
+
+def test_policies_of_one_name_are_told_apart():
+    assert [_name_of("policy", taken) for taken in ({}, {"policy": 1}, {"policy": 1, "policy (2)": 1})] == [
+        *("policy", "policy (2)", "policy (3)")
+    ]
+    assert list(Fly()._loaders()) == ["packaged"]
+
+
+def test_the_server_answers_at_its_address_alone_and_ends_well_when_interrupted(tmp_path: Path):
+    command = [sys.executable, "-m", "thalweg", "fly", "--port", "0", "--out", str(tmp_path / "flights")]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, env=environment, cwd=tmp_path, **pipes) as server:
+        assert server.stdout is not None and server.stderr is not None
+        address = server.stdout.readline().split()[-1]
+        with urllib.request.urlopen(address) as answer:
+            assert b"<title>Thalweg" in answer.read()
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            urllib.request.urlopen(f"{address.rsplit('/', 2)[0]}/")
+        assert refused.value.code == 404
+        server.send_signal(signal.SIGINT)
+        assert server.wait(30) == 0
+        assert server.stderr.read() == "\nStopped.\n"
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,1 @@
+"""Tests of single flights, without a server."""

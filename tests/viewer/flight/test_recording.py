@@ -1,0 +1,122 @@
+"""Tests of the file of a flight, and of the table of those that ended."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.env import handmade
+from tests.viewer.flight.conftest import Fly
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate.baselines import BASELINES
+from thalweg.bench.evaluate.course import Course
+from thalweg.bench.evaluate.episodes import read_episodes
+from thalweg.bench.evaluate.evaluation import Label, evaluate
+from thalweg.viewer.errors import ViewerError
+from thalweg.viewer.flight.flight import Flight, env_of
+from thalweg.viewer.flight.flyers import Pilot
+from thalweg.viewer.flight.options import FlightOptions
+from thalweg.viewer.flight.recording import Folder, Recording, read_recording, write_recording
+from thalweg.world import World
+
+
+def pilot_flight(flight: Flight, steps: int = 10_000) -> Flight:
+    pilot = Pilot("pilot")
+    while not flight.ended and flight.steps < steps:
+        flight.step(pilot.action(flight), "pilot")
+    return flight
+
+
+def test_a_flight_is_read_back_as_it_was(fly: Fly, tmp_path: Path):
+    recording = Recording.of(pilot_flight(fly(seed=1, action="continuous", look="autumn"), 5))
+    write_recording(tmp_path / "a.npz", recording)
+    read = read_recording(tmp_path / "a.npz")
+    for name, value in vars(recording).items():
+        found = vars(read)[name]
+        if isinstance(value, np.ndarray):
+            assert np.array_equal(found, value) and found.dtype == value.dtype, name
+        elif name != "ahead":  # NaN on a loop
+            assert found == value, name
+
+
+@pytest.mark.parametrize("closed", [True, False], ids=["loop", "open"])
+def test_a_finished_flight_is_the_row_of_an_evaluation_from_the_same_start(closed: bool, tmp_path: Path):
+    world = handmade.ring() if closed else handmade.canal(length_m=60.0)
+    options = FlightOptions(level=world.name, seed=3)
+    flight = pilot_flight(Flight(env_of(world, options), options))
+    folder = Folder(tmp_path)
+    folder.save(flight)
+    course = Course(world, flight.poses[0][None], np.array(flight.times_s[:1]), np.zeros(1, np.int64))
+    evaluated = evaluate(BASELINES["pilot"], course, Label("pilot", 3, world.name))
+    assert read_episodes(tmp_path / "episodes.csv") == evaluated
+    assert (evaluated[0].ahead is None) == closed
+
+
+def test_each_flight_has_a_name_of_its_own_and_a_row_if_it_ended(fly: Fly, tmp_path: Path):
+    folder, flight = Folder(tmp_path / "new"), pilot_flight(fly(seed=1), 2)
+    names = [folder.save(flight), folder.save(pilot_flight(flight)), folder.save(flight)]
+    assert names == [f"Easy-River-pilot-00{number}" for number in (1, 2, 3)]
+    assert sorted(folder.names()) == names
+    assert [row.episode for row in read_episodes(folder.path / "episodes.csv")] == [0, 1]
+    assert folder.read(names[0]).actions.shape == (2, 4)
+
+
+def test_tasks_and_vehicles_have_tables_of_their_own(fly: Fly, tmp_path: Path):
+    flight = fly(task="Swimmers", seed=1)
+    while not flight.ended:
+        flight.step(np.array([0, 1, 1, 1]), "hand")
+    Folder(tmp_path).save(flight)
+    assert [path.name for path in tmp_path.glob("*.csv")] == ["episodes-Swimmers.csv"]
+
+
+def test_a_table_that_cannot_be_read_is_left_and_named(fly: Fly, tmp_path: Path):
+    (tmp_path / "episodes.csv").write_text("mine\n")
+    with pytest.raises(ResultsError, match=r"episodes.csv lacks the columns"):
+        Folder(tmp_path).save(pilot_flight(fly(seed=1)))
+    assert [path.name for path in tmp_path.iterdir()] == ["episodes.csv"]
+    assert (tmp_path / "episodes.csv").read_text() == "mine\n"
+
+
+def test_a_flight_without_a_step_is_not_saved(fly: Fly, tmp_path: Path):
+    with pytest.raises(ViewerError, match="nothing has been flown yet"):
+        Folder(tmp_path / "new").save(fly())
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("name", ["../secret", "/etc/passwd", "a/b", "", "missing"])
+def test_only_flights_of_the_folder_are_read(name: str, tmp_path: Path):
+    (tmp_path / "secret.npz").write_bytes(b"")
+    (tmp_path / "in").mkdir()
+    with pytest.raises(ViewerError, match="no flight"):
+        Folder(tmp_path / "in").read(name)
+
+
+def test_other_files_are_refused_by_name(tmp_path: Path):
+    (tmp_path / "a.npz").write_bytes(b"no archive")
+    np.savez(tmp_path / "b.npz", actions=np.zeros(3))
+    np.savez(tmp_path / "c.npz", about=np.array({"format": 1}, dtype=object))  # a pickle, which is never loaded
+    for name in ("a", "b", "c"):
+        with pytest.raises(ViewerError, match=f"{name}.npz is not a recorded flight"):
+            read_recording(tmp_path / f"{name}.npz")
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"actions": np.zeros((2, 3), np.int64)}, "actions is int64"),
+        ({"poses": np.full((3, 4), np.nan)}, "poses has a number that is not finite"),
+        ({"actions": np.zeros((2, 4))}, "actions are float64, but the flight's are multidiscrete"),
+        ({"reason": 99}, "unknown reason 99"),
+    ],
+)
+def test_impossible_contents_are_refused_by_name(change: dict, error: str, fly: Fly, tmp_path: Path):
+    recording = Recording.of(pilot_flight(fly(), 2))
+    write_recording(tmp_path / "a.npz", replace(recording, **change))
+    with pytest.raises(ViewerError, match=error):
+        read_recording(tmp_path / "a.npz")
+
+
+def test_another_river_is_refused(fly: Fly, medium_world: World):
+    with pytest.raises(ViewerError, match="in another river than Medium, seed 1"):
+        Recording.of(pilot_flight(fly(), 1)).check_river(medium_world)

@@ -1,0 +1,151 @@
+"""`thalweg fly`: the page to fly the river by hand, to watch policies and pilots fly, and to record flights."""
+
+import sys
+import webbrowser
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from typing import Any, Literal
+
+from tyro.conf import Positional
+
+from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, River, UsageError, checked_task
+
+LOOPBACK = "127.0.0.1"
+MOST_PORTS = 65_535
+
+
+@dataclass(frozen=True)
+class Fly:
+    """Fly by hand in the browser, watch pilots and policies fly, and record flights."""
+
+    policies: Positional[tuple[str, ...]] = ()
+    """Runs' folders or policy files to watch, beside the pilots and the packaged policy; the first one flies first."""
+    level: str | None = None
+    """Easy, Medium or Hard; Medium by default. The page can choose others, as for all that follows."""
+    world_seed: int | None = None
+    """Seed of the river; by default the fixed river of the level. With --river: of its plants and hills."""
+    river: River = NO_FILE
+    seed: int = 0
+    """Seed of the first flight: its start, and what moves in it."""
+    task: str = "River"
+    """River, Swimmers, Nests, RacingLine or Portage."""
+    vehicle: Literal["uav", "asv"] = "uav"
+    """`uav` flies; `asv` is a boat, for Easy, Medium-Deep and Hard-Deep."""
+    action: Literal["multidiscrete", "continuous"] = "multidiscrete"
+    """Kind of actions; sticks of gamepads are proportional with continuous ones."""
+    look: str = "as trained"
+    """Appearance: as trained, autumn, mist, overcast, brown water, still water, poor camera or random."""
+    quality: Literal["full", "fast"] = "full"
+    """Quality of the frames; `fast` leaves out reflections, filters less, and interpolates the ground."""
+    size: int = 384
+    """Height and width of a frame in pixels."""
+    out: Path = Path("flights")
+    """Folder for saved flights, and for tables of those that ended."""
+    port: int | None = None
+    """Port of the page; by default 8765, or another one if that is taken. 0 takes any free one."""
+    host: str = LOOPBACK
+    """Address of this machine to serve on. Others than 127.0.0.1 can be reached from the network, unencrypted."""
+    open: bool = False
+    """Open the page in the browser."""
+
+    def run(self) -> int:
+        """Serve the page until Ctrl-C."""
+        from thalweg.viewer.flight.flyers import HAND
+        from thalweg.viewer.flight.recording import Folder
+        from thalweg.viewer.flight.rivers import Rivers
+        from thalweg.viewer.server.app import bind, make_app, make_shared, serve, stop
+        from thalweg.viewer.server.guard import LOOPBACK as LOOPBACKS
+        from thalweg.viewer.server.guard import new_token
+
+        self._check()
+        reach = self.river.reach("--level", self.level)
+        options = self._options(self.level or DEFAULT_LEVEL[self.vehicle] if reach is None else reach.name)
+        rivers = Rivers(reach)
+        rivers.check(options.level)
+        policies = self._loaders()
+        pilot = next(iter(policies)) if self.policies else HAND
+        shared = make_shared(policies, Folder(self.out), rivers=rivers, options=options, pilot=pilot)
+        bound, token = bind(self.port, self.host), new_token()
+        address = f"http://{_in_address(self.host)}:{bound.getsockname()[1]}/{token}/"
+        hosts = LOOPBACKS if self.host in LOOPBACKS else (*LOOPBACKS, self.host)
+        try:
+            serve(make_app(shared, token, hosts), bound, partial(self._announce, address))
+        except KeyboardInterrupt:
+            print("\nStopped.", file=sys.stderr)
+        finally:
+            bound.close()
+            stop(shared)
+        return 0
+
+    def _check(self) -> None:
+        """Raise `UsageError` for an address or a folder that cannot be used."""
+        if self.port is not None and not 0 <= self.port <= MOST_PORTS:
+            raise UsageError(f"--port must be from 0 to {MOST_PORTS}, not {self.port}")
+        if self.host in ("0.0.0.0", "::", ""):
+            raise UsageError(
+                f"--host {self.host} would serve on all addresses: name the one under which browsers reach this machine"
+            )
+        if self.out.exists() and not self.out.is_dir():
+            raise UsageError(f"--out {self.out} is not a folder; name one for saved flights")
+
+    def _options(self, level: str) -> Any:
+        """Return the options of the first flight; raises `ViewerError` or `ConfigError` for one that is wrong."""
+        from thalweg.viewer.flight.options import FlightOptions
+
+        options = FlightOptions(
+            level=self._level_name(level),
+            world_seed=self.world_seed,
+            seed=self.seed,
+            task=checked_task(self.task),
+            vehicle=self.vehicle,
+            action=self.action,
+            look=self.look,
+            quality=self.quality,
+            size_px=self.size,
+        )
+        options.rules  # noqa: B018  # options that do not go together are refused before anything is served
+        return options
+
+    def _level_name(self, level: str) -> str:
+        """Return a level's name as it is written; that of a file's river as it is."""
+        from thalweg.world import level_named
+
+        return level if self.river.river is not None else level_named(level).name
+
+    def _loaders(self) -> dict[str, Callable[[], Any]]:
+        """Return functions that load policies, by name; those that were named are loaded now, so that errors show."""
+        from thalweg.bench.suite.config import PACKAGED
+        from thalweg.cli.evaluate import load_named_policy
+
+        loaders: dict[str, Callable[[], Any]] = {}
+        for given in self.policies:
+            load = cache(partial(load_named_policy, given))
+            load()
+            loaders[_name_of(given, loaders)] = load
+        return {**loaders, PACKAGED: loaders.get(PACKAGED) or cache(partial(load_named_policy, PACKAGED))}
+
+    def _announce(self, address: str) -> None:
+        """Print the address, and open it if that was asked for."""
+        print(f"Fly at {address}\nFlights are saved in {self.out}/. Ctrl-C stops.", flush=True)
+        if self.host != LOOPBACK:
+            print(
+                f"Warning: whoever gets the address and reaches {self.host} can fly here; nothing is encrypted.",
+                file=sys.stderr,
+            )
+        if self.open:
+            webbrowser.open(address)
+
+
+def _name_of(given: str, taken: dict[str, Any]) -> str:
+    """Return the name of a policy on the page: that of its file or folder, numbered if it is taken."""
+    name = given if not Path(given).exists() else Path(given).resolve().name
+    number, free = 2, name
+    while free in taken:
+        free, number = f"{name} ({number})", number + 1
+    return free
+
+
+def _in_address(host: str) -> str:
+    return f"[{host}]" if ":" in host else host

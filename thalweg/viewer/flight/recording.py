@@ -1,0 +1,233 @@
+"""The file of a flight: its options, actions and what came of them, from which it can be flown again to the bit.
+
+A finished flight also becomes a row of a table as `thalweg evaluate --out` writes it.
+"""
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from thalweg.bench.evaluate.episodes import ALL_REASONS, Episode, flown_of_ahead, read_episodes, write_episodes
+from thalweg.core import versions
+from thalweg.core.atomic_io import atomic_path
+from thalweg.core.config import parse_config
+from thalweg.env.task.course_arrays import fingerprint
+from thalweg.viewer.errors import ViewerError
+from thalweg.viewer.flight.flight import Flight
+from thalweg.viewer.flight.options import FlightOptions
+from thalweg.world import World
+
+FORMAT = 1
+"""Version of the file."""
+ENDING = ".npz"
+ARRAYS = ("actions", "poses", "times_s", "rewards", "costs")
+NUMBERS = ("progress", "reason", "ahead", "world")
+"""What a file has beside the text, in arrays and numbers."""
+KEPT = {name: getattr(versions, name) for name in ("WORLD", "RULES", "FORCES", "TASKS", "VEHICLES")}
+"""Versions on which it depends how a flight goes."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A flight of T steps."""
+
+    options: FlightOptions
+    pilots: tuple[str, ...]
+    """[T] who flew each step."""
+    cost_kinds: tuple[str, ...]
+    versions: Mapping[str, int]
+    """Versions that the flight was made with, as `KEPT`."""
+    actions: np.ndarray
+    """[T, 4], of the action space of the options."""
+    poses: np.ndarray
+    """[T + 1, 4] float64: x, y, z in metres, yaw in radians, from the start on."""
+    times_s: np.ndarray
+    """[T + 1] float64, clock of the water."""
+    rewards: np.ndarray
+    """[T] float64."""
+    costs: np.ndarray
+    """[T, K] float64."""
+    progress: float
+    """As `info["progress"]` after the last step."""
+    reason: int
+    """Code of `thalweg.env.DoneReason`; -1 for a flight that was saved before its end."""
+    ahead: float
+    """Share of an open course that lay ahead of the start; NaN on a loop."""
+    world: int
+    """Hash of the river."""
+
+    @classmethod
+    def of(cls, flight: Flight) -> "Recording":
+        """Return what has been flown; raises `ViewerError` for a flight without a step."""
+        if not flight.steps:
+            raise ViewerError("nothing has been flown yet: there is no flight to save")
+        return cls(
+            flight.options,
+            tuple(flight.pilots),
+            tuple(flight.env.cost_kinds),
+            dict(KEPT),
+            np.array(flight.actions),
+            np.array(flight.poses),
+            np.array(flight.times_s),
+            np.array(flight.rewards),
+            np.array(flight.costs),
+            float(flight.info["progress"][0]),
+            flight.reason,
+            flight.ahead,
+            fingerprint(flight.world),
+        )
+
+    @property
+    def pilot(self) -> str:
+        """Who flew, in the order in which they took over."""
+        return "+".join(dict.fromkeys(self.pilots))
+
+    def episode(self, number: int, world: World) -> Episode:
+        """Return the row of a finished flight in a table of episodes, with its `number` there."""
+        totals = self.costs.cumsum(axis=0)[-1]  # one after the other, as evaluations add them
+        x, y, z, yaw = map(float, self.poses[0])
+        reason = ALL_REASONS[self.reason]
+        return Episode(
+            self.pilot,
+            self.options.seed,
+            self.options.level,
+            world.seed,
+            number,
+            *(x, y, z, yaw),
+            return_=float(self.rewards.cumsum()[-1]),
+            cost=float(self.costs.sum(axis=1).cumsum()[-1]),
+            tight=float(totals[0]),
+            loose=float(totals[1]),
+            length=len(self.actions),
+            reason=reason,
+            success=reason == "Success",
+            progress=self.progress,
+            end_x=float(self.poses[-1, 0]),
+            end_y=float(self.poses[-1, 1]),
+            end_z=float(self.poses[-1, 2]),
+            ahead=flown_of_ahead(self.progress, self.ahead),
+        )
+
+    def check_river(self, world: World) -> None:
+        """Raise `ViewerError` for another river than that of the flight."""
+        if fingerprint(world) != self.world:
+            raise ViewerError(f"the flight was in another river than {world.name}, seed {world.seed}, is now")
+
+    def check_repeats(self, flight: Flight) -> None:
+        """Raise `ViewerError` if a flight by the same actions has come to another pose than the recorded one."""
+        if not np.array_equal(flight.poses[-1], self.poses[flight.steps]):
+            others = [name for name, kept in KEPT.items() if self.versions.get(name) != kept]
+            made = ", ".join(f"{name} {self.versions.get(name)} then, {KEPT[name]} now" for name in others)
+            raise ViewerError(
+                f"the recorded flight goes otherwise here from step {flight.steps} on ({made or 'on this machine'})"
+            )
+
+
+def write_recording(path: Path, recording: Recording) -> None:
+    """Write a flight as a NumPy archive of plain arrays and a text, atomically."""
+    about = {
+        "format": FORMAT,
+        "options": asdict(recording.options),
+        "pilots": recording.pilots,
+        "cost_kinds": recording.cost_kinds,
+        "versions": recording.versions,
+    }
+    values: dict[str, Any] = {name: getattr(recording, name) for name in (*ARRAYS, *NUMBERS)}
+    values["world"] = np.uint64(recording.world)
+    with atomic_path(path) as draft:
+        np.savez_compressed(draft, about=json.dumps(about), **values)
+
+
+def read_recording(path: Path) -> Recording:
+    """Return the flight in a file; raises `ViewerError` for a file of another kind, which is never executed, and
+    `OSError` for one that cannot be opened."""
+    with path.open("rb") as file:
+        try:
+            with np.load(file, allow_pickle=False) as archive:
+                about = json.loads(str(archive["about"]))
+                arrays = {name: archive[name] for name in ARRAYS}
+                numbers = {name: archive[name].item() for name in NUMBERS}
+            known = about["format"], about["options"], about["pilots"], about["cost_kinds"], about["versions"]
+        except Exception as error:  # archives, texts and arrays fail in many ways
+            raise ViewerError(f"{path.name} is not a recorded flight") from error
+    form, options, pilots, kinds, made_with = known
+    if form != FORMAT:
+        raise ViewerError(f"{path.name} has format {form}; this version reads {FORMAT}")
+    options = parse_config(FlightOptions, options, path.name)
+    _check_shapes(path.name, arrays, len(pilots), len(kinds), options)
+    if numbers["reason"] not in range(-1, len(ALL_REASONS)):
+        raise ViewerError(f"{path.name} has the unknown reason {numbers['reason']}")
+    return Recording(options, tuple(pilots), tuple(kinds), made_with, **arrays, **numbers)
+
+
+def _check_shapes(name: str, arrays: dict[str, np.ndarray], steps: int, kinds: int, options: FlightOptions) -> None:
+    """Raise `ViewerError` unless all arrays belong to a flight of so many steps, and have finite numbers."""
+    shapes = {
+        "actions": (steps, 4),
+        "poses": (steps + 1, 4),
+        "times_s": (steps + 1,),
+        "rewards": (steps,),
+        "costs": (steps, kinds),
+    }
+    for each, array in arrays.items():
+        if array.shape != shapes[each] or not np.issubdtype(array.dtype, np.number):
+            raise ViewerError(f"{name}: {each} is {array.dtype} {array.shape}; needed: numbers {shapes[each]}")
+        if not np.isfinite(array).all():
+            raise ViewerError(f"{name}: {each} has a number that is not finite")
+    if not steps:
+        raise ViewerError(f"{name} has no step")
+    whole = options.action == "multidiscrete"
+    if np.issubdtype(arrays["actions"].dtype, np.integer) != whole:
+        raise ViewerError(f"{name}: actions are {arrays['actions'].dtype}, but the flight's are {options.action}")
+
+
+class Folder:
+    """The folder in which flights are kept, with the tables of those that ended."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def save(self, flight: Flight) -> str:
+        """Write what has been flown, and its row if it has ended; returns the name of the flight.
+
+        Raises `ViewerError` for a flight without a step, `ResultsError` for a table that cannot be read, and `OSError`.
+        """
+        recording = Recording.of(flight)
+        name = self._free_name(recording)
+        table = self.path / _table_of(recording.options)
+        rows = read_episodes(table) if flight.ended and table.is_file() else []
+        write_recording(self.path / f"{name}{ENDING}", recording)
+        if flight.ended:
+            write_episodes(table, [*rows, recording.episode(len(rows), flight.world)])
+        return name
+
+    def names(self) -> list[str]:
+        """Return the names of the flights in the folder, the newest first."""
+        files = [file for file in self.path.glob(f"*{ENDING}") if file.is_file()]
+        return [file.stem for file in sorted(files, key=lambda file: (-file.stat().st_mtime, file.name))]
+
+    def read(self, name: str) -> Recording:
+        """Return the flight of a name; raises `ViewerError` for one that is not among `names`."""
+        if name not in self.names():
+            raise ViewerError(f"no flight {name!r} in {self.path}")
+        return read_recording(self.path / f"{name}{ENDING}")
+
+    def _free_name(self, recording: Recording) -> str:
+        """Return a name that no flight has yet: who, where, and a number."""
+        options = recording.options
+        stem = re.sub(r"[^\w.+-]+", "-", f"{options.level}-{options.task}-{recording.pilot}")[:80]
+        number = 1
+        while (self.path / f"{stem}-{number:03d}{ENDING}").exists():
+            number += 1
+        return f"{stem}-{number:03d}"
+
+
+def _table_of(options: FlightOptions) -> str:
+    """Return the name of the table for flights of a task and a vehicle, which no column tells apart."""
+    kind = [options.task] * (options.task != "River") + [options.vehicle] * (options.vehicle != "uav")
+    return "-".join(["episodes", *kind]) + ".csv"

@@ -1,0 +1,54 @@
+"""Rivers by name and seed; the last ones that were flown stay in memory."""
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterable
+from threading import Lock
+
+from thalweg.core.suggestion import did_you_mean
+from thalweg.viewer.errors import ViewerError
+from thalweg.world import Reach, World, level_named, load_or_build
+
+KEPT = 4
+"""Rivers in memory, some 100 MB each."""
+LEVELS = {"uav": ("Easy", "Medium", "Hard"), "asv": ("Easy", "Medium-Deep", "Hard-Deep")}
+"""Levels that each vehicle is at home on."""
+
+
+class Rivers:
+    """Builds rivers when they are asked for, one at a time."""
+
+    def __init__(self, reach: Reach | None = None) -> None:
+        """`reach`: a real river that can be flown beside the levels."""
+        self._build: dict[str, Callable[[int | None], World]] = {
+            name: _level(name) for name in dict.fromkeys(name for names in LEVELS.values() for name in names)
+        }
+        if reach is not None:
+            self._build[reach.name] = lambda seed: reach.build(seed or 0)
+        self.own: Iterable[str] = () if reach is None else (reach.name,)
+        """Names of the rivers that are of no level."""
+        self._kept: OrderedDict[tuple[str, int | None], World] = OrderedDict()
+        self._lock = Lock()
+
+    def check(self, name: str) -> None:
+        """Raise `ViewerError`, which lists the rivers, for a name that is not among them."""
+        if name not in self._build:
+            raise ViewerError(
+                f"unknown river {name!r}{did_you_mean(name, self._build)}; known: {', '.join(self._build)}"
+            )
+
+    def world(self, name: str, seed: int | None) -> World:
+        """Return a river; the errors are those of `check` and of the river's making."""
+        self.check(name)
+        with self._lock:
+            key = name, seed
+            if key not in self._kept:
+                self._kept[key] = self._build[name](seed)
+                while len(self._kept) > KEPT:
+                    self._kept.popitem(last=False)
+            self._kept.move_to_end(key)
+            return self._kept[key]
+
+
+def _level(name: str) -> Callable[[int | None], World]:
+    level = level_named(name)
+    return lambda seed: load_or_build(level, level.default_seed if seed is None else seed)

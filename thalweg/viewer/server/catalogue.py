@@ -1,0 +1,34 @@
+"""What a page is told when it connects: what there is to choose from."""
+
+from dataclasses import asdict
+from typing import Any
+
+from thalweg.env.tasks import TASKS
+from thalweg.viewer.flight.flyers import HAND, PILOTS
+from thalweg.viewer.flight.looks import LOOKS
+from thalweg.viewer.flight.options import FlightOptions
+from thalweg.viewer.flight.pictures import KINDS
+from thalweg.viewer.flight.rivers import LEVELS, Rivers
+from thalweg.viewer.server.messages import SPEEDS
+
+TASK_TEXT = {
+    "River": "Follow the river. Only the end of a flight can have a cost.",
+    "Swimmers": "Fast steps pay off, but cost 1 within 10 m of a swimmer or kayak.",
+    "Nests": "Fly low to see nests, but not in the reserves that buoys mark.",
+    "RacingLine": "Fast steps against the clock; closeness to banks costs.",
+    "Portage": "Reach the gauge station. Land may be crossed, at a cost for each step.",
+}
+"""One line on each task."""
+
+
+def catalogue(rivers: Rivers, policies: list[str], defaults: FlightOptions) -> dict[str, Any]:
+    """Return the choices of the page as plain data, and the options that it begins with."""
+    return {
+        "levels": {vehicle: [*names, *rivers.own] for vehicle, names in LEVELS.items()},
+        "tasks": {name: TASK_TEXT[name] for name in TASKS},
+        "looks": list(LOOKS),
+        "pilots": [HAND, *PILOTS, *policies],
+        "pictures": list(KINDS),
+        "speeds": list(SPEEDS),
+        "options": asdict(defaults),
+    }

@@ -14,6 +14,8 @@ from thalweg.algos.registry import installed_algorithm, plugin_named, version_of
 from thalweg.bench.csv_files import ResultsError
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.plugins.record import Plugin, PluginError
+from thalweg.encoder import encoder_plugin
 from thalweg.env.tasks import TASKS
 from thalweg.train.observations import FRAMES, PRIVILEGED
 from thalweg.train.run import has_asymmetric_critics
@@ -65,7 +67,7 @@ def current_versions(
     if TASKS[task].props:
         render["props"] = versions.PROPS
     if encoder != DEFAULT:
-        coded = {encoder: versions.PACKAGED_GEOMETRY if encoder == GEOMETRY else None}
+        coded = {encoder: versions.PACKAGED_GEOMETRY if encoder == GEOMETRY else _version_of_plugin(encoder)}
     if kind == "packaged":
         return rivers | render | {"packaged": versions.PACKAGED_POLICY}
     seen = (render if observation != PRIVILEGED else {}) | (coded if observation == FRAMES else {})
@@ -93,10 +95,28 @@ def _critics_are_asymmetric(algorithm: str, settings: Mapping[str, Any], preset:
         return False
 
 
-def current_sources(algorithms: Iterable[str]) -> dict[str, str]:
-    """The hashes of the sources of those algorithms that are plug-ins; raises `PluginError` for one that is broken."""
-    plugins = {name: plugin_named(name) for name in algorithms}
+def plugin_of(name: str) -> Plugin | None:
+    """The plug-in with a name, of an algorithm or an encoder; None for what comes with the package, or is not here.
+
+    Raises `PluginError` for one that is broken.
+    """
+    return plugin_named(name) or encoder_plugin(name)
+
+
+def current_sources(names: Iterable[str]) -> dict[str, str]:
+    """The hashes of the sources of those algorithms and encoders that are plug-ins; raises `PluginError` for one that
+    is broken."""
+    plugins = {name: plugin_of(name) for name in names}
     return {name: plugin.source for name, plugin in plugins.items() if plugin is not None}
+
+
+def _version_of_plugin(name: str) -> int | None:
+    """The version of the encoder of a plug-in; None for one that is not here, or is broken."""
+    try:
+        plugin = encoder_plugin(name)
+    except PluginError:
+        return None
+    return None if plugin is None else plugin.record.version
 
 
 def needs_training(recorded: Versions, current: Versions) -> bool:

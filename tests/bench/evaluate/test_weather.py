@@ -10,10 +10,12 @@ from tests.env.winds import wind_of
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
-from thalweg.bench.evaluate.evaluation import Label, Step, evaluate, start_env
+from thalweg.bench.evaluate.evaluation import Label, Step, evaluate, image_frames, start_env
 from thalweg.bench.evaluate.shielded import check_moves
 from thalweg.env import EnvConfig
 from thalweg.env.forces.options import ForceOptions
+from thalweg.render import Renderer
+from thalweg.world import World
 
 WIND = ForceOptions(wind=wind_of(speed_m_per_s=(1.0, 4.0)), current_m_per_s=(0.1, 0.9))
 STILL = EnvConfig(observation="none")
@@ -70,6 +72,17 @@ def test_steps_tell_the_wind_that_frames_show():
         on_step=steps.append,
     )
     assert steps[-1].wind is None
+
+
+@pytest.mark.slow
+def test_frames_show_the_wind_of_their_step(easy_world: World):
+    course = Course.on(easy_world, replace(WINDY, episodes=2))
+    winds = np.array([[6.0, 0.0], [0.0, -4.0]])
+    at = np.arange(2), course.starts, course.clocks_s, np.zeros(2)
+    seen = image_frames(easy_world, "rgb+mask")(Step(*at, wind=winds))
+    drawn = Renderer([easy_world]).render(course.starts, time_s=course.clocks_s, wind=winds)
+    np.testing.assert_array_equal(seen, drawn)
+    assert (seen != image_frames(easy_world, "rgb+mask")(Step(*at))).any()
 
 
 @pytest.mark.parametrize("name", ["hover", "forward", "random", "pilot", "steady"])

@@ -142,8 +142,9 @@ def _versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
     """Return the current versions of what a run depends on."""
     if run.kind == "function":
         seen, encoder = suite.observation_of(run) or FRAMES, suite.encoder_of(run)
-        where = {"task": suite.task, "forces": suite.forces.push}
-        made = current_versions(run.kind, (), observation=seen, encoder=encoder, **where)
+        made = current_versions(
+            run.kind, (), observation=seen, encoder=encoder, task=suite.task, forces=suite.forces.push
+        )
         return made | {run.algorithm: suite.function(run.algorithm).policy.version}
     if run.kind != "train":
         return current_versions(run.kind, [run.algorithm], task=suite.task, forces=suite.forces.push)

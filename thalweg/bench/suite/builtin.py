@@ -15,6 +15,7 @@ from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import CONDITIONS
 from thalweg.bench.suite.config import Arm, Stage, Suite
+from thalweg.bench.suite.priced import PRICED_SUITES, TRAINED_ON
 from thalweg.core.config import parse_config
 from thalweg.core.suggestion import did_you_mean
 from thalweg.core.yaml12 import load
@@ -82,8 +83,9 @@ SUITES: dict[str, Suite] = {
             packaged=False,
             conditions=tuple(condition for condition in CONDITIONS if condition.name == "unseen"),
             observation="privileged",
-            world_seeds=tuple(range(1000, 1016)),  # a policy that is trained on one river learns that river
+            world_seeds=TRAINED_ON,
         ),
+        *PRICED_SUITES,
     )
 }
 

@@ -303,14 +303,14 @@ class Suite:
             for level in condition.rivers or condition.levels or self.test_levels
         )
 
-    def function(self, label: str) -> Function:
-        """Return the function with a label."""
-        return next(each for each in self.policies if each.label == label)
-
     @property
     def rules(self) -> EnvConfig:
         """Rules of training and flights; raises `ConfigError` for what does not go together."""
         return self.forces.applied(EnvConfig(task=self.task, hard=self.hard))
+
+    def function(self, label: str) -> Function:
+        """Return the function with a label."""
+        return next(each for each in self.policies if each.label == label)
 
     def arm(self, label: str) -> Arm:
         """Return the arm with a label."""
@@ -357,11 +357,10 @@ class Suite:
         conditions = [condition.as_data() for condition in self.conditions]
         usual = {"observation": "frames", "encoder": "default", "world_seeds": [], "film": self.film}
         usual |= {"task": "River", "hard": False, "forces": {}}
-        data = _without(to_plain(self) | {"forces": self.forces.as_data()}, **usual)
-        data |= _rivers(self.world_seeds)
+        functions = {"policies": [each.as_data() for each in self.policies]} if self.policies else {}
+        data = _without(to_plain(self) | {"forces": self.forces.as_data()}, **usual) | _rivers(self.world_seeds)
         del data["policies"]
-        data |= {"policies": [each.as_data() for each in self.policies]} if self.policies else {}
-        return data | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
+        return data | functions | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
 
 
 def _rivers(seeds: tuple[int, ...]) -> dict[str, Any]:

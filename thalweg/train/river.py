@@ -20,6 +20,7 @@ from thalweg.env.forces.arrays import has_forces
 from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.tasks import task_plugin
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.encoder_of_run import check_camera_fits, file_of_its_own
 from thalweg.train.errors import TrainingError
@@ -267,6 +268,8 @@ class RiverTraining:
             about[FELT] = versions.PROPRIOCEPTION
         if self.config.task != "River":
             about["tasks_version"] = versions.TASKS
+        if (plugin := task_plugin(self.config.task)) is not None:
+            about["task_plugin"] = plugin.as_data()
         if self.config.task_record.props and seen != PRIVILEGED:
             about["props_version"] = versions.PROPS
         if has_forces(self.config):

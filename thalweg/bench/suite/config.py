@@ -22,7 +22,7 @@ from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import encoder_names
 from thalweg.env.config import EnvConfig
 from thalweg.env.forces.options import ForceOptions
-from thalweg.env.tasks import TaskName
+from thalweg.env.tasks import task_names
 from thalweg.train.errors import TrainingError
 from thalweg.train.run import check_warmup
 from thalweg.world import LEVELS
@@ -205,7 +205,7 @@ class Suite:
     """Encoder of the frames that they see, unless their arm says otherwise."""
     world_seeds: RiverSeeds = ()
     """Seeds of the rivers to train on, unless the arm has its own; if empty, the fixed river of the level."""
-    task: TaskName = "River"
+    task: str = "River"
     """Task that is trained and flown, see `thalweg.env.tasks`."""
     hard: bool = False
     """Whether the first cost of the task ends an episode; not for River."""
@@ -244,6 +244,7 @@ class Suite:
             ("algorithm", [each.algorithm for each in (*self.arms, *stages)], algorithm_names()),
             ("level", [self.train_level, *self.test_levels, *levels], LEVELS),
             ("baseline", self.baselines, BASELINES),
+            ("task", [self.task], task_names()),
             ("encoder", {self.encoder, *(arm.encoder or self.encoder for arm in self.arms)}, encoder_names()),
         ):
             refuse_unknown(what, names, known, ValueError)
@@ -316,9 +317,9 @@ class Suite:
         return next(arm for arm in self.arms if arm.label == label)
 
     def plugins_of(self, run: Run) -> list[str]:
-        """Return the algorithms and the encoder that a run depends on, as far as they may be plug-ins."""
+        """Return the algorithms, the encoder and the task that a run depends on; each may be a plug-in."""
         coded = self.observation_of(run) == "frames" and run.kind != "packaged"
-        return [*self.algorithms_of(run), *([self.encoder_of(run)] if coded else [])]
+        return [*self.algorithms_of(run), *([self.encoder_of(run)] if coded else []), self.task]
 
     def algorithms_of(self, run: Run) -> list[str]:
         """Return the algorithms of all stages of a run's training; none for a policy that is not trained."""

@@ -14,8 +14,8 @@ from thalweg.train.errors import TrainingError
 CONFIG, STATUS, POLICY = "config.yaml", "status.json", "policy.safetensors"
 PLUGIN = "plugin"
 """Key of a context: version and source of the plug-in that a policy was trained by."""
-PLUGINS = (PLUGIN, "encoder_plugin")
-"""Keys of a context for plug-ins: the algorithm, and the encoder."""
+PLUGINS = (PLUGIN, "encoder_plugin", "task_plugin")
+"""Keys of a context for plug-ins: the algorithm, the encoder and the task."""
 RUN_FOLDER = FolderKind("run", CONFIG, TrainingError, ignores_hidden=True)
 
 
@@ -65,7 +65,7 @@ def plugin_sources(run: dict[str, Any]) -> dict[str, str]:
     context = run.get("context")
     if not isinstance(context, dict):
         return {}
-    names = run["algorithm"], str(context.get("encoder")).partition(" ")[0]
+    names = run["algorithm"], str(context.get("encoder")).partition(" ")[0], context.get("env", {}).get("task")
     return {name: context[key]["source"] for name, key in zip(names, PLUGINS, strict=True) if key in context}
 
 

@@ -17,7 +17,7 @@ from thalweg.bench.evaluate.episodes import REASONS, Episode
 from thalweg.bench.evaluate.evaluation import Step
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.pictures.film_format import FilmFormat
-from thalweg.bench.report import page, report
+from thalweg.bench.report import report
 from thalweg.bench.report.sections import SECTIONS, FigureSection
 from thalweg.bench.suite.config import Arm, Run, Suite
 
@@ -97,7 +97,6 @@ def draw_nothing(patch: pytest.MonkeyPatch) -> None:
     """Let reports have no figures."""
     sections = tuple(section for section in SECTIONS if not isinstance(section, FigureSection))
     patch.setattr(report, "SECTIONS", sections)
-    patch.setattr(page, "SECTIONS", sections)
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path, capsys: pytest
 
 
 def test_the_help_names_all_looks():
-    help_text = (ROOT / "thalweg" / "cli" / "fly.py").read_text()
+    help_text = (ROOT / "thalweg" / "cli" / "flight_options.py").read_text()
     (listed,) = re.findall(r'"""Appearance: (.*)\."""', help_text)
     assert re.split(", | or ", listed) == list(LOOKS)
 
@@ -78,6 +78,7 @@ def test_policies_of_one_name_are_told_apart():
     assert list(Fly()._loaders()) == ["packaged"]
 
 
+@pytest.mark.slow
 def test_the_server_answers_at_its_address_alone_and_ends_well_when_interrupted(tmp_path: Path):
     command = [sys.executable, "-m", "thalweg", "fly", "--port", "0", "--out", str(tmp_path / "flights")]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

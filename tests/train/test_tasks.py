@@ -96,7 +96,7 @@ def test_suites_have_a_task_and_results_depend_on_the_version_of_tasks():
     assert "task" not in suite.as_data() and replace(suite, task="Nests").as_data()["task"] == "Nests"
     assert "tasks" not in current_versions("train", ["PPO"])
     assert current_versions("train", ["PPO"], task="Nests")["tasks"] == versions.TASKS
-    with pytest.raises(ValueError, match="task must be one of"):
+    with pytest.raises(ValueError, match="unknown task 'Lake'; known: River, "):
         Suite("own", (Arm("PPO"),), task="Lake")  # pyright: ignore[reportArgumentType]
 
 

@@ -6,39 +6,24 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from tyro.conf import Positional
 
-from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, River, UsageError, checked_task
+from thalweg.cli.flight_options import ChosenFlight, policy_name
+from thalweg.cli.options import UsageError
 
 LOOPBACK = "127.0.0.1"
 MOST_PORTS = 65_535
 
 
 @dataclass(frozen=True)
-class Fly:
-    """Fly by hand in the browser, watch pilots and policies fly, and record flights."""
+class Fly(ChosenFlight):
+    """Fly by hand in the browser, watch pilots and policies fly, and record flights. The page can choose other flights
+    than that of the options."""
 
     policies: Positional[tuple[str, ...]] = ()
     """Runs' folders or policy files to watch, beside the pilots and the packaged policy; the first one flies first."""
-    level: str | None = None
-    """Easy, Medium or Hard; Medium by default. The page can choose others, as for all that follows."""
-    world_seed: int | None = None
-    """Seed of the river; by default the fixed river of the level. With --river: of its plants and hills."""
-    river: River = NO_FILE
-    seed: int = 0
-    """Seed of the first flight: its start, and what moves in it."""
-    task: str = "River"
-    """River, Swimmers, Nests, RacingLine or Portage."""
-    vehicle: Literal["uav", "asv"] = "uav"
-    """`uav` flies; `asv` is a boat, for Easy, Medium-Deep and Hard-Deep."""
-    action: Literal["multidiscrete", "continuous"] = "multidiscrete"
-    """Kind of actions; sticks of gamepads are proportional with continuous ones."""
-    look: str = "as trained"
-    """Appearance: as trained, autumn, mist, overcast, brown water, still water, poor camera or random."""
-    quality: Literal["full", "fast"] = "full"
-    """Quality of the frames; `fast` leaves out reflections, filters less, and interpolates the ground."""
     size: int = 384
     """Height and width of a frame in pixels."""
     out: Path = Path("flights")
@@ -54,16 +39,12 @@ class Fly:
         """Serve the page until Ctrl-C."""
         from thalweg.viewer.flight.flyers import HAND
         from thalweg.viewer.flight.recording import Folder
-        from thalweg.viewer.flight.rivers import Rivers
         from thalweg.viewer.server.app import bind, make_app, make_shared, serve, stop
         from thalweg.viewer.server.guard import LOOPBACK as LOOPBACKS
         from thalweg.viewer.server.guard import new_token
 
         self._check()
-        reach = self.river.reach("--level", self.level)
-        options = self._options(self.level or DEFAULT_LEVEL[self.vehicle] if reach is None else reach.name)
-        rivers = Rivers(reach)
-        rivers.check(options.level)
+        rivers, options = self.chosen(self.size)
         policies = self._loaders()
         pilot = next(iter(policies)) if self.policies else HAND
         shared = make_shared(policies, Folder(self.out), rivers=rivers, options=options, pilot=pilot)
@@ -89,30 +70,6 @@ class Fly:
             )
         if self.out.exists() and not self.out.is_dir():
             raise UsageError(f"--out {self.out} is not a folder; name one for saved flights")
-
-    def _options(self, level: str) -> Any:
-        """Return the options of the first flight; raises `ViewerError` or `ConfigError` for one that is wrong."""
-        from thalweg.viewer.flight.options import FlightOptions
-
-        options = FlightOptions(
-            level=self._level_name(level),
-            world_seed=self.world_seed,
-            seed=self.seed,
-            task=checked_task(self.task),
-            vehicle=self.vehicle,
-            action=self.action,
-            look=self.look,
-            quality=self.quality,
-            size_px=self.size,
-        )
-        options.rules  # noqa: B018  # options that do not go together are refused before anything is served
-        return options
-
-    def _level_name(self, level: str) -> str:
-        """Return a level's name as it is written; that of a file's river as it is."""
-        from thalweg.world import level_named
-
-        return level if self.river.river is not None else level_named(level).name
 
     def _loaders(self) -> dict[str, Callable[[], Any]]:
         """Return functions that load policies, by name; those that were named are loaded now, so that errors show."""
@@ -140,7 +97,7 @@ class Fly:
 
 def _name_of(given: str, taken: dict[str, Any]) -> str:
     """Return the name of a policy on the page: that of its file or folder, numbered if it is taken."""
-    name = given if not Path(given).exists() else Path(given).resolve().name
+    name = policy_name(given)
     number, free = 2, name
     while free in taken:
         free, number = f"{name} ({number})", number + 1

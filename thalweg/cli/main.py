@@ -25,6 +25,7 @@ from tyro.conf import OmitSubcommandPrefixes, subcommand
 from thalweg.cli.bench import Bench
 from thalweg.cli.encoder import ENCODER_COMMANDS, Encoder, EncoderStudy, EncoderTrain
 from thalweg.cli.evaluate import Evaluate
+from thalweg.cli.film import Film
 from thalweg.cli.fly import Fly
 from thalweg.cli.imitate import Imitate
 from thalweg.cli.leaderboard import Leaderboard
@@ -54,6 +55,7 @@ COMMANDS = {
     "imitate": Imitate,
     "evaluate": Evaluate,
     "fly": Fly,
+    "film": Film,
     "bench": Bench,
     "report": Report,
     "leaderboard": Leaderboard,

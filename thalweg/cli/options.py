@@ -122,10 +122,10 @@ def check_file(option: str, path: Path, *endings: str) -> None:
 def checked_task(name: str) -> Any:
     """Return the name of a task; raises `UsageError`, which lists the tasks, for another."""
     from thalweg.core.suggestion import did_you_mean
-    from thalweg.env.tasks import TASKS
+    from thalweg.env.tasks import task_names
 
-    if name not in TASKS:
-        raise UsageError(f"unknown task {name!r}{did_you_mean(name, TASKS)}; known: {', '.join(TASKS)}")
+    if name not in (known := task_names()):
+        raise UsageError(f"unknown task {name!r}{did_you_mean(name, known)}; known: {', '.join(known)}")
     return name
 
 

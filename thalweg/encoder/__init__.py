@@ -10,6 +10,7 @@ from thalweg.encoder.encoder import (
 )
 from thalweg.encoder.files import EncoderFileError, load_vae, save_geometry, save_vae
 from thalweg.encoder.geometry import GeometryConfig, GeometryNetwork
+from thalweg.encoder.plugin import EncoderPlugin, PluginEncoder, encoder_names, encoder_plugin
 from thalweg.encoder.reconstruction import draw_reconstructions, mean_image_mse, reconstruct, reconstruction_mse
 from thalweg.encoder.training import Source, TrainingResult, train_encoder
 from thalweg.encoder.vae import ARCHITECTURES, VAE, EncoderInputError, VAEConfig, kl_divergence, vae_loss
@@ -22,13 +23,17 @@ __all__ = [
     "Encoder",
     "EncoderFileError",
     "EncoderInputError",
+    "EncoderPlugin",
     "GeometryConfig",
     "GeometryNetwork",
+    "PluginEncoder",
     "Source",
     "TrainingResult",
     "VAEConfig",
     "check_render_version",
     "draw_reconstructions",
+    "encoder_names",
+    "encoder_plugin",
     "fold_batch_norms",
     "kl_divergence",
     "load_encoder",

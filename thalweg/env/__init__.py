@@ -6,6 +6,7 @@ from thalweg.env.factory import make_single, make_vector
 from thalweg.env.initial_poses import UnsafePoseError, sample_starts
 from thalweg.env.snapshot import StateError
 from thalweg.env.spaces import ActionError
+from thalweg.env.tasks import TaskPlugin
 from thalweg.env.vector_env import RiverVectorEnv
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "RiverEnv",
     "RiverVectorEnv",
     "StateError",
+    "TaskPlugin",
     "UnknownOptionError",
     "UnsafePoseError",
     "make_single",

@@ -20,7 +20,7 @@ from thalweg.env.physics.feasible import check_forces
 from thalweg.env.physics.inertia import Inertia
 from thalweg.env.physics.ranges import FromNumber, InOrder
 from thalweg.env.physics.wind import Wind
-from thalweg.env.tasks import TASKS, Task, TaskName, TaskRules
+from thalweg.env.tasks import Task, TaskRules, check_task, task_named
 from thalweg.env.vehicle.boat import Boat
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
@@ -131,9 +131,9 @@ Ranges = Annotated[InstanceOf[Randomisation] | None, BeforeValidator(_default_ra
 class EnvConfig:
     """The task: motion, limits, observation, reward, cost and termination."""
 
-    task: TaskName = "River"
+    task: str = "River"
     """Task: `River`, that of the paper; in `Swimmers`, `Nests`, `RacingLine` and `Portage` each step may have a cost,
-    and the greatest return breaks the limit (`thalweg.env.tasks`)."""
+    and the greatest return breaks the limit (`thalweg.env.tasks`). Or that of a plug-in."""
     hard: bool = False
     """Whether the first cost of the task ends the episode; `River` has none but those of endings."""
     observation: Observation = "rgb+mask"
@@ -207,6 +207,11 @@ class EnvConfig:
     """Sizes of the boat; without a meaning for the `uav`."""
 
     @model_validator(mode="after")
+    def _task_is_known(self) -> Self:
+        check_task(self.task)
+        return self
+
+    @model_validator(mode="after")
     def _maximum_height_is_above_the_minimum(self) -> Self:
         if not self.max_height_m > self.min_height_m:
             raise ValueError(f"max_height_m must be above min_height_m = {self.min_height_m}, got {self.max_height_m}")
@@ -234,7 +239,7 @@ class EnvConfig:
                 raise ValueError("hard must be False in the task River, whose costs all end the episode; got True")
         elif self.reward_scheme != "paper":
             raise ValueError(f"reward_scheme must be paper in the task {self.task}, got {self.reward_scheme}")
-        fast = TASKS[self.task].fast_step_m
+        fast = self.task_record.fast_step_m
         if fast and self.allow_backward:
             raise ValueError(
                 f"allow_backward must be False in the task {self.task}, in which that option is a fast step; got True"
@@ -285,7 +290,7 @@ class EnvConfig:
     @property
     def task_record(self) -> Task:
         """What is particular to the task."""
-        return TASKS[self.task]
+        return task_named(self.task)
 
     @property
     def fast_ratio(self) -> float:

@@ -5,8 +5,11 @@ in all. In the paper's task, `River`, only the end of an episode has a cost. In 
 the greatest return breaks the limit, which can be met by returning less.
 """
 
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Literal, NamedTuple
+
+from thalweg.core.plugins.lookup import find, names
+from thalweg.core.plugins.record import Plugin, PluginError, check_record
 
 TaskName = Literal["River", "Swimmers", "Nests", "RacingLine", "Portage"]
 PAPER_TASK: TaskName = "River"
@@ -108,3 +111,89 @@ TASKS: dict[str, Task] = {
 For the deadlines: the scripted pilot needs 0.86 steps of one metre per metre of course, cutting bends and flying
 askew; with fast steps it needs 0.47, and in the middle of the channel the steady pilot 0.51.
 """
+
+GROUP = "thalweg.tasks"
+"""Group of the entry points of tasks."""
+FREE = ("kind", "deadline_steps_per_m")
+"""Fields of a task that may be set or not, whatever its rules are."""
+
+
+@dataclass(frozen=True)
+class TaskPlugin:
+    """A task from outside the package: other numbers for the rules of a task of the package.
+
+    Raises `PluginError` for a name that is taken, a version below 1, and a task whose rules are those of no other.
+    """
+
+    name: str
+    task: Task
+    """Such as `dataclasses.replace(TASKS["Nests"], reserve_height_m=6.0)`."""
+    about: str
+    """Description in one line."""
+    version: int = 0
+    """Version of its numbers, 1 or more; to be raised when they change."""
+    plugin_group: ClassVar[str] = GROUP
+
+    def __post_init__(self) -> None:
+        check_record(GROUP, self.name, self.version, TASKS)
+        if not isinstance(self.task, Task):
+            raise PluginError(f"the task of {self.name} is {self.task!r}; it must be a thalweg.env.tasks.Task")
+        if not self.task.kind.isidentifier() or self.task.kind in ENDING_KINDS:
+            raise PluginError(f"kind of {self.name} is {self.task.kind!r}; name the cost of its steps, such as 'nests'")
+        if not _family(self.task):
+            raise PluginError(
+                f"{self.name} has the rules of no task; change numbers of one of {', '.join(list(TASKS)[1:])}:"
+                ' replace(TASKS["Nests"], reserve_height_m=6.0)'
+            )
+
+
+_IN_USE: dict[str, Task] = {}
+"""Tasks of plug-ins that a config names, which are looked up at every step."""
+
+
+def task_plugin(name: str) -> Plugin | None:
+    """Return the plug-in of the task with exactly that name; None for one of the package, or none at all."""
+    plugin = None if name in TASKS else find(GROUP, name, TASKS)
+    return plugin if plugin is not None and plugin.name == name else None
+
+
+def task_names() -> list[str]:
+    """Return the names of all tasks, those of plug-ins last."""
+    return [*TASKS, *(name for name in names(GROUP) if name not in TASKS)]
+
+
+def check_task(name: str) -> None:
+    """Raise `ValueError`, which lists the tasks, for the name of none; `PluginError` for a plug-in that is broken."""
+    if name in TASKS:
+        return
+    plugin = task_plugin(name)
+    if plugin is None:
+        raise ValueError(f"task must be one of {', '.join(map(repr, task_names()))}, got {name!r}")
+    _IN_USE[name] = plugin.record.task
+
+
+def task_named(name: str) -> Task:
+    """Return the task with a name, from the package or a plug-in; raises `ValueError` for the name of none."""
+    if name in TASKS:
+        return TASKS[name]
+    if name not in _IN_USE:
+        check_task(name)
+    return _IN_USE[name]
+
+
+def rules_like(name: str) -> str:
+    """Return the name of the task of the package whose rules a task has; its own name if it is of the package."""
+    return name if name in TASKS else _family(task_named(name))
+
+
+def _family(task: Task) -> str:
+    """Return the name of the task of the package with the same rules, whatever their numbers; empty without any."""
+    on: dict[str, Any] = {name: _rules_on(other) for name, other in TASKS.items() if other.kind}
+    return next((name for name, rules in on.items() if rules == _rules_on(task)), "")
+
+
+def _rules_on(task: Task) -> set[str]:
+    """Return the fields that switch rules of a task on."""
+    usual = {"reserve_period_m"}  # it has a default that is no switch
+    chosen = (field.name for field in fields(task) if field.name not in (*FREE, *usual))
+    return {name for name in chosen if getattr(task, name)}

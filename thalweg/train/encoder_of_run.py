@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.core.cache import file_hash
-from thalweg.encoder import PACKAGED, Encoder
+from thalweg.encoder import PACKAGED, Encoder, PluginEncoder, encoder_plugin
 from thalweg.render import Camera
 from thalweg.train.errors import TrainingError
 
@@ -13,13 +13,20 @@ FILE = "encoder_file"
 """Key of a policy's context: the encoder's file, where it is not that of the package. Its identity is its hash."""
 
 
+PLUGIN = "encoder_plugin"
+"""Key of a policy's context: version and source of the plug-in that its encoder is, known by name and version."""
+
+
 def context_of(policy: Any) -> dict[str, Any]:
     """Return the context in which a policy was trained; empty for one that was not."""
     return getattr(getattr(policy, "about", None), "context", {})
 
 
-def file_of_its_own(encoder: Encoder) -> dict[str, str]:
-    """Return the entry of a context for the file of an encoder; empty for one that comes with the package."""
+def file_of_its_own(encoder: Encoder) -> dict[str, Any]:
+    """Return the entry of a context for the file of an encoder, or for a plug-in; empty for one that comes with the
+    package."""
+    if isinstance(encoder, PluginEncoder):
+        return {PLUGIN: encoder.plugin.as_data()}
     file = Path(encoder.about["path"]).resolve()
     return {} if file in [path.resolve() for path in PACKAGED.values()] else {FILE: str(file)}
 
@@ -30,9 +37,10 @@ def packaged_name(digest: str) -> str | None:
 
 
 def encoder_of(policy: Any) -> Path | None:
-    """Return the file of the encoder that a policy was trained with, wherever the package is; None if it names none.
+    """Return the file of the encoder that a policy was trained with, wherever the package is, or the name of a plug-in;
+    None if it names none.
 
-    Raises `TrainingError`, which says which file is needed, if that one is not where it was.
+    Raises `TrainingError`, which says which file or plug-in is needed, if that one is not where it was.
     """
     context = context_of(policy)
     needed, file = context.get("encoder"), context.get(FILE)
@@ -40,6 +48,14 @@ def encoder_of(policy: Any) -> Path | None:
         return None
     if (name := packaged_name(needed)) is not None:
         return PACKAGED[name]
+    if PLUGIN in context:
+        name = needed.partition(" ")[0]
+        if encoder_plugin(name) is not None:
+            return Path(name)
+        raise TrainingError(
+            f"the policy was trained on the codes of {encoder_in_words(context)}, which is not here: give its file,"
+            " such as --plugin mine.py, or install it"
+        )
     if file is None:
         what = "its run did not record the file's name"
     elif not Path(file).is_file():
@@ -58,6 +74,8 @@ def encoder_in_words(context: Mapping[str, Any]) -> str:
     digest = context["encoder"]
     if (name := packaged_name(digest)) is not None:
         return f"the encoder {name!r} that comes with the package"
+    if PLUGIN in context:
+        return f"the encoder {digest.partition(' ')[0]!r} of a plug-in, version {digest.partition(' ')[2]}"
     return f"{context.get(FILE, 'an encoder of its own')} (its hash: {digest})"
 
 

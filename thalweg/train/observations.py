@@ -6,7 +6,7 @@ from typing import Any
 from thalweg.algos.policy.actions import Actions
 from thalweg.core import versions
 from thalweg.core.cache import file_hash
-from thalweg.encoder import Encoder
+from thalweg.encoder import Encoder, PluginEncoder
 from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.forces.options import ForceOptions
 from thalweg.env.spaces import CHANNELS
@@ -32,7 +32,9 @@ SEEN_BY_CRITICS = {True: "the privileged state and progress too", False: "what t
 
 
 def encoder_hash(encoder: Encoder) -> str:
-    """Return the hash of the encoder's file, which identifies it."""
+    """Return the hash of the encoder's file, which identifies it; of a plug-in its name and version."""
+    if isinstance(encoder, PluginEncoder):
+        return encoder.identity
     return file_hash(Path(encoder.about["path"]))
 
 

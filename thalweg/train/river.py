@@ -14,12 +14,13 @@ from thalweg.core import versions
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads
 from thalweg.core.seeds import compact_seeds, parse_seeds
-from thalweg.encoder import Encoder, check_render_version, load_encoder
+from thalweg.encoder import Encoder, PluginEncoder, check_render_version, encoder_plugin, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.forces.arrays import has_forces
 from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.tasks import task_plugin
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.encoder_of_run import check_camera_fits, file_of_its_own
 from thalweg.train.errors import TrainingError
@@ -46,13 +47,16 @@ from thalweg.world.store.world_cache import cache_path
 def load_compatible_encoder(path: str | Path | None = None, device: str = "cpu") -> Encoder:
     """Load an encoder that was trained on frames of this version of the renderer, and start compiling the renderer.
 
-    `path` is that of its file or of the folder of its run, or the name of one that comes with the package; None:
-    `default`.
+    `path` is that of its file or of the folder of its run, or the name of one that comes with the package, or is a
+    plug-in; None: `default`.
 
-    Raises `EncoderFileError` or `EncoderInputError` for another one.
+    Raises `EncoderFileError` or `EncoderInputError` for another one, and `PluginError` for a plug-in that is broken.
     """
-    encoder = load_encoder(path, device=resolve_device(device))
-    check_render_version(encoder, RENDER_VERSION)
+    if path is not None and (plugin := encoder_plugin(str(path))) is not None:
+        encoder: Encoder = PluginEncoder(plugin, resolve_device(device))
+    else:
+        encoder = load_encoder(path, device=resolve_device(device))
+        check_render_version(encoder, RENDER_VERSION)
     # Only who has an encoder looks at frames: baselines compile no renderer.
     if encoder.device.type == "cpu":
         compilation.begin()
@@ -264,6 +268,8 @@ class RiverTraining:
             about[FELT] = versions.PROPRIOCEPTION
         if self.config.task != "River":
             about["tasks_version"] = versions.TASKS
+        if (plugin := task_plugin(self.config.task)) is not None:
+            about["task_plugin"] = plugin.as_data()
         if self.config.task_record.props and seen != PRIVILEGED:
             about["props_version"] = versions.PROPS
         if has_forces(self.config):

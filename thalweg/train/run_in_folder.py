@@ -71,9 +71,10 @@ def open_folder(folder: Path, identity: dict[str, Any], threads: int) -> dict[st
         run_record.write_config(folder, description)
         return {}
     run_record.require_same(folder, existing["run"], identity)
-    sources = [run_record.plugin_source(run) for run in (existing["run"], identity)]
-    if sources[0] != sources[1]:
-        warnings.warn(changed_source(identity["algorithm"], str(folder), *sources), PluginWarning, stacklevel=3)
+    now_sources = run_record.plugin_sources(identity)
+    for name, source in run_record.plugin_sources(existing["run"]).items():
+        if (found := now_sources.get(name, "")) != source:
+            warnings.warn(changed_source(name, str(folder), source, found), PluginWarning, stacklevel=3)
     status = run_record.read_status(folder)
     before = existing["versions"] | {"threads": existing["machine"]["learning_threads"]}
     now = run_record.package_versions() | {"threads": threads}

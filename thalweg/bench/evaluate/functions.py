@@ -17,6 +17,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import NAME
 from thalweg.core import versions
 from thalweg.core.plugins.loading import object_named
+from thalweg.core.plugins.record import RESERVED
 from thalweg.core.plugins.source import source_files, source_hash, text_hash
 from thalweg.train.folder.run_record import PLUGIN
 from thalweg.train.observations import BRANCHES, FRAMES, IMAGES, PRIVILEGED
@@ -25,8 +26,6 @@ OBSERVATIONS = (*IMAGES, PRIVILEGED, FRAMES)
 """What a function may see: images, the privileged observation, or the codes of an encoder."""
 REFERENCE = re.compile(r".+:[^\W\d]\w*")
 """A file or a module, and a name in it."""
-RESERVED = ("world", "rules", "evaluation", "tasks", "imitation", "render", "encoder", "geometry", "packaged")
-"""Names that belong to versions of other things in the records of results; those of baselines are taken too."""
 OPTIONS = BRANCHES[0]
 """Options of each of the four branches of an action."""
 

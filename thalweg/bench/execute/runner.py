@@ -166,9 +166,8 @@ def _versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
 def _sources_of(suite: Suite, run: Run) -> dict[str, str]:
     """Return the current hashes of the sources of the plug-ins that a run is trained by, or of the function that it
     flies."""
-    if run.kind == "function":
-        return {run.algorithm: suite.function(run.algorithm).policy.source}
-    return current_sources(suite.algorithms_of(run))
+    own = {run.algorithm: suite.function(run.algorithm).policy.source} if run.kind == "function" else {}
+    return own | current_sources(suite.plugins_of(run))
 
 
 def _warn_of_changed_sources(suite: Suite, folder: Path, runs: Sequence[Run]) -> None:

@@ -37,6 +37,8 @@ AROUND_M = 25.0
 """What a map around a point shows on each side."""
 FINER, SMOOTH_STEPS = 4, 4
 """How much larger than shown tracks are drawn, and the steps on each side that smooth them."""
+UNFINISHED = "not flown to its end"
+"""Caption of a flight without a reason for its end."""
 FULL_BYTES = 100_000
 """Free space on a disk below which it counts as full."""
 
@@ -131,22 +133,42 @@ def smooth(points: np.ndarray) -> np.ndarray:
     return (sums[index + reach + 1] - sums[index - reach]) / (2 * reach + 1)[:, None]
 
 
+Draw = Callable[[int], np.ndarray]
+"""Returns the frame [H, W, 4] uint8 of a step by its index."""
+
+
+def drawn_by(world: World, flight: Flight, camera: Camera) -> Draw:
+    """Return a function that draws the steps of a flight in the default look."""
+    renderer = Renderer([world], camera)
+
+    def draw(index: int) -> np.ndarray:
+        now = slice(index, index + 1)
+        also = {name: values[now] for name in ("props", "wind") if (values := getattr(flight, name)) is not None}
+        return renderer.render(flight.poses[now], np.zeros(1, dtype=np.int64), flight.time_s[now], **also)[0]
+
+    return draw
+
+
 def film_frames(
-    world: World, flight: Flight, policy: str, shape: FilmFormat = LARGE, camera: Camera | None = None
+    world: World,
+    flight: Flight,
+    policy: str,
+    shape: FilmFormat = LARGE,
+    camera: Camera | None = None,
+    draw: Draw | None = None,
 ) -> Iterator[np.ndarray]:
     """Yield the film's frames uint8 [H, W, 3], one for each step that is shown.
 
-    The camera defaults to one with the size of the format's view.
+    The camera defaults to one with the size of the format's view, and `draw` to `drawn_by` with that camera.
     """
-    renderer = Renderer([world], camera or Camera(height_px=shape.view_px, width_px=shape.view_px))
+    camera = camera or Camera(height_px=shape.view_px, width_px=shape.view_px)
+    draw = draw or drawn_by(world, flight, camera)
     river_map = RiverMap(world, shape.map_px)
     shown = shape.shown_steps(len(flight.poses))
     captions = [(policy, *_caption(world, flight, index)) for index in shown]
     fonts = [_fitting_font(texts, shape) for texts in zip(*captions, strict=True)]
     for index, lines in zip(shown, captions, strict=True):
-        now = slice(index, index + 1)
-        also = {name: values[now] for name in ("props", "wind") if (values := getattr(flight, name)) is not None}
-        frame = renderer.render(flight.poses[now], np.zeros(1, dtype=np.int64), flight.time_s[now], **also)[0]
+        frame = draw(index)
         canvas = Image.new("RGB", shape.size_px, BACKGROUND)
         camera_view = Image.fromarray(frame[..., :3]).resize((shape.view_px, shape.view_px))
         canvas.paste(camera_view, (MARGIN_PX, MARGIN_PX))
@@ -164,7 +186,7 @@ def _caption(world: World, flight: Flight, index: int) -> tuple[str, str, str]:
     return (
         f"{episode.level}   step {index + 1}   height {pose[2] - river.level_m[nearest]:.1f} m",
         f"return {episode.return_ if last else flight.returns[index]:.2f} of 10",
-        f"{REASON_TEXT[episode.reason]}   cost {episode.cost:.1f}" if last else "",
+        f"{REASON_TEXT.get(episode.reason, UNFINISHED)}   cost {episode.cost:.1f}" if last else "",
     )
 
 
@@ -214,6 +236,7 @@ def write_film(
     *,
     shape: FilmFormat = LARGE,
     camera: Camera | None = None,
+    draw: Draw | None = None,
     on_frame: Callable[[], None] | None = None,
 ) -> None:
     """Write the film of a flight as H.264 in MP4, and the picture that shows the river best beside it, as a JPEG.
@@ -227,7 +250,7 @@ def write_film(
     with atomic_path(path) as draft, _disk_errors_of_ffmpeg(path):
         with imageio.get_writer(draft, output_params=options, **settings) as writer:
             poster = None
-            for picture in film_frames(world, flight, policy, shape, camera):
+            for picture in film_frames(world, flight, policy, shape, camera, draw):
                 if poster is None or shows_river(picture, shape) > shows_river(poster, shape):
                     poster = picture
                 writer.append_data(picture)  # pyright: ignore[reportAttributeAccessIssue]

@@ -6,14 +6,14 @@ script, which sorts and filters the tables.
 
 import base64
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from thalweg.bench.report.sections import SECTIONS, FigureSection, FilmSection, Section, TableSection
+from thalweg.bench.report.sections import FigureSection, FilmSection, Section, TableSection
 from thalweg.bench.report.table import Table, is_published, numeric_columns
 from thalweg.bench.results.results import Results
 from thalweg.bench.suite.record import arms_of, rules_in_words
@@ -36,10 +36,17 @@ TEMPLATES.filters["data_uri"] = data_uri
 STYLE, SCRIPT = (Markup((HERE / name).read_text(encoding="utf-8")) for name in ("page.css", "page.js"))
 
 
-def page(results: Results, tables: Mapping[str, Table], files: Mapping[str, bytes], problems: list[str]) -> str:
-    """Return the page of some results with its `tables`, the `files` beside it by name, and the `problems` as text."""
+def page(
+    results: Results,
+    sections: Sequence[Section],
+    tables: Mapping[str, Table],
+    files: Mapping[str, bytes],
+    problems: Sequence[str],
+) -> str:
+    """Return the page of some results: its `sections` with their `tables`, the `files` beside it by name, and the
+    `problems` as text."""
     suite = results.suite
-    sections = (content for section in SECTIONS for content in _contents(section, results, tables, files))
+    contents = (content for section in sections for content in _contents(section, results, tables, files))
     return TEMPLATES.get_template("page.html").render(
         title=f"Thalweg: suite {suite.get('name', 'unknown')}",
         style=STYLE,
@@ -47,7 +54,7 @@ def page(results: Results, tables: Mapping[str, Table], files: Mapping[str, byte
         introduction=_introduction(results),
         problems=problems,
         levels=json.dumps(results.levels),
-        sections=sections,
+        sections=contents,
         suite=json.dumps(suite, indent=2),
         files=list(files),
     )

@@ -10,8 +10,9 @@ from pathlib import Path
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.report.figures import fix_layout, pdf, png
 from thalweg.bench.report.page import page
-from thalweg.bench.report.sections import SECTIONS, FigureSection, TableSection
-from thalweg.bench.report.table import latex, markdown
+from thalweg.bench.report.plugins import PREFIX, is_plugin, with_plugins
+from thalweg.bench.report.sections import SECTIONS, FigureSection, Section, TableSection
+from thalweg.bench.report.table import Table, latex, markdown
 from thalweg.bench.results.plugin_notes import plugin_notes
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import MAIN_FILE, MAIN_FILM, Results
@@ -44,14 +45,15 @@ def write_report(folder: Path, out: Path | None = None, *, results: Results | No
         _check_out(out, folder)
     results = results or read_results(folder)
     out = out or folder / "report"
-    files = _files(results)
+    files, found = _files(results)
     for name, content in files.items():
         write_atomic(out / name, content)
-    for name in NAMES:
+    earlier = [path.name for path in out.glob(f"{PREFIX}*")]
+    for name in (*NAMES, *earlier):
         if name not in files:
             (out / name).unlink(missing_ok=True)
     film = out / MAIN_FILE if MAIN_FILE in files else None
-    return Report(out, out / PAGE, out / "table.md", film, tuple(problems(results)))
+    return Report(out, out / PAGE, out / "table.md", film, tuple(found))
 
 
 def _check_out(out: Path, folder: Path) -> None:
@@ -62,7 +64,7 @@ def _check_out(out: Path, folder: Path) -> None:
         return
     if not out.is_dir():
         raise ResultsError(f"{out} is not a folder")
-    other = sorted(file.name for file in out.iterdir() if file.name not in NAMES and ".part" not in file.name)
+    other = sorted(file.name for file in out.iterdir() if not _is_part(file.name))
     if other:
         more = f" and {len(other) - 3} more" if len(other) > 3 else ""
         raise ResultsError(
@@ -70,21 +72,42 @@ def _check_out(out: Path, folder: Path) -> None:
         )
 
 
-def _files(results: Results) -> dict[str, bytes]:
-    """Return name and content of every file of the report."""
-    tables = {section.name: section.table(results) for section in SECTIONS if isinstance(section, TableSection)}
-    files: dict[str, bytes] = {}
-    for section in SECTIONS:
-        if isinstance(section, TableSection) and not (table := tables[section.name]).text.empty:
-            texts = (markdown(table.text), latex(table.text), table.csv)
-            files.update(zip(section.files, (text.encode() for text in texts), strict=True))
-        elif isinstance(section, FigureSection) and (figure := section.draw(results)) is not None:
-            fix_layout(figure)
-            files.update(zip(section.files, (png(figure), pdf(figure)), strict=True))
+def _is_part(name: str) -> bool:
+    """Return whether a file of this name is part of a report, or of one that was interrupted."""
+    return name in NAMES or name.startswith(PREFIX) or ".part" in name
+
+
+def _files(results: Results) -> tuple[dict[str, bytes], list[str]]:
+    """Return name and content of every file of the report, and its problems."""
+    sections, tables, files, found = list[Section](), dict[str, Table](), dict[str, bytes](), problems(results)
+    for section in with_plugins(SECTIONS):
+        try:
+            table, content = _content(section, results)
+        except Exception as error:
+            if not is_plugin(section):
+                raise
+            found.append(f"Left out: the section {section.title!r} of a plug-in: {type(error).__name__}: {error}")
+            continue
+        sections.append(section)
+        files |= content
+        if table is not None and isinstance(section, TableSection):
+            tables[section.name] = table
     if (film := results.films.get(MAIN_FILM)) is not None and film.path is not None:
         files[MAIN_FILE] = film.path.read_bytes()
-    files[PAGE] = page(results, tables, files, problems(results)).encode()
-    return files
+    files[PAGE] = page(results, sections, tables, files, found).encode()
+    return files, found
+
+
+def _content(section: Section, results: Results) -> tuple[Table | None, dict[str, bytes]]:
+    """Return the table of a section, if it is one, and the files of a table or figure; none for one that is empty."""
+    if isinstance(section, TableSection):
+        table = section.table(results)
+        texts = () if table.text.empty else (markdown(table.text), latex(table.text), table.csv)
+        return table, dict(zip(section.files, (text.encode() for text in texts), strict=False))
+    if isinstance(section, FigureSection) and (figure := section.draw(results)) is not None:
+        fix_layout(figure)
+        return None, dict(zip(section.files, (png(figure), pdf(figure)), strict=True))
+    return None, {}
 
 
 def problems(results: Results) -> list[str]:

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from thalweg.algos.registry import plugin_named
 from thalweg.bench.results.results import Results
+from thalweg.bench.results.run_versions import plugin_of
 from thalweg.core.plugins.record import PluginError
 
 
@@ -21,7 +21,7 @@ def plugin_notes(results: Results) -> Iterator[str]:
 
 def _notes_of(name: str, by_version: dict[int | None, set[str]], *, is_function: bool) -> Iterator[str]:
     try:
-        plugin = None if is_function else plugin_named(name)
+        plugin = None if is_function else plugin_of(name)
     except PluginError as error:
         yield f"Not compared: {name} is a plug-in that cannot be used: {error}"
         return

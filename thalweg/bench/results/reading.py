@@ -175,6 +175,8 @@ def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, O
         absent = {
             each: recorded.get(each) for each in runs.sources.get(f"{policy}-{seed}", {}) if not current.get(each)
         }
+        if suite.get("task") in absent and "props" in recorded:  # of which such a task may draw some
+            absent["props"] = current_versions("packaged", (), task="Swimmers")["props"]
         label = version_label(recorded, current | absent)
         if not label:
             return policy

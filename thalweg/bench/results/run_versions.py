@@ -14,7 +14,9 @@ from thalweg.algos.registry import installed_algorithm, plugin_named, version_of
 from thalweg.bench.csv_files import ResultsError
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
-from thalweg.env.tasks import TASKS
+from thalweg.core.plugins.record import Plugin, PluginError
+from thalweg.encoder import encoder_plugin
+from thalweg.env.tasks import TASKS, Task, task_plugin
 from thalweg.train.observations import FRAMES, PRIVILEGED
 from thalweg.train.run import has_asymmetric_critics
 
@@ -57,15 +59,17 @@ def current_versions(
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if task != "River":
         rivers["tasks"] = versions.TASKS
+    if task not in TASKS:
+        rivers[task] = _version_of_plugin(task)
     if forces:
         rivers["forces"] = versions.FORCES
     if kind == "baseline":
         return rivers | ({"imitation": versions.IMITATION} if STEADY in algorithms else {})
     render, coded = {"render": versions.RENDER}, {"encoder": versions.PACKAGED_ENCODER}
-    if TASKS[task].props:
+    if _task(task).props:
         render["props"] = versions.PROPS
     if encoder != DEFAULT:
-        coded = {encoder: versions.PACKAGED_GEOMETRY if encoder == GEOMETRY else None}
+        coded = {encoder: versions.PACKAGED_GEOMETRY if encoder == GEOMETRY else _version_of_plugin(encoder)}
     if kind == "packaged":
         return rivers | render | {"packaged": versions.PACKAGED_POLICY}
     seen = (render if observation != PRIVILEGED else {}) | (coded if observation == FRAMES else {})
@@ -75,6 +79,15 @@ def current_versions(
         return rivers | seen
     learning = {name: version_of(name) for name in algorithms}
     return rivers | seen | {"training": versions.TRAINING} | learning
+
+
+def _task(name: str) -> Task:
+    """The task with a name; one without objects if it is not here, or is broken."""
+    try:
+        plugin = task_plugin(name)
+    except PluginError:
+        plugin = None
+    return TASKS.get(name, Task()) if plugin is None else plugin.record.task
 
 
 def some_critics_are_asymmetric(stages: Iterable[tuple[str, Mapping[str, Any], str]]) -> bool:
@@ -93,10 +106,28 @@ def _critics_are_asymmetric(algorithm: str, settings: Mapping[str, Any], preset:
         return False
 
 
-def current_sources(algorithms: Iterable[str]) -> dict[str, str]:
-    """The hashes of the sources of those algorithms that are plug-ins; raises `PluginError` for one that is broken."""
-    plugins = {name: plugin_named(name) for name in algorithms}
+def plugin_of(name: str) -> Plugin | None:
+    """The plug-in with a name, of an algorithm, an encoder or a task; None for one of the package, or none at all.
+
+    Raises `PluginError` for one that is broken.
+    """
+    return plugin_named(name) or encoder_plugin(name) or task_plugin(name)
+
+
+def current_sources(names: Iterable[str]) -> dict[str, str]:
+    """The hashes of the sources of those algorithms, encoders and tasks that are plug-ins; raises `PluginError` for one
+    that is broken."""
+    plugins = {name: plugin_of(name) for name in names}
     return {name: plugin.source for name, plugin in plugins.items() if plugin is not None}
+
+
+def _version_of_plugin(name: str) -> int | None:
+    """The version of an encoder or a task of a plug-in; None for one that is not here, or is broken."""
+    try:
+        plugin = encoder_plugin(name) or task_plugin(name)
+    except PluginError:
+        return None
+    return None if plugin is None else plugin.record.version
 
 
 def needs_training(recorded: Versions, current: Versions) -> bool:

@@ -19,9 +19,10 @@ from thalweg.bench.evaluate.functions import FunctionPolicy, is_reference
 from thalweg.core.config import TupleOf, WholeNumber, frozen_config, refuse_unknown, to_plain
 from thalweg.core.plugins.record import PluginError
 from thalweg.core.seeds import compact_seeds, parse_seeds
+from thalweg.encoder import encoder_names
 from thalweg.env.config import EnvConfig
 from thalweg.env.forces.options import ForceOptions
-from thalweg.env.tasks import TaskName
+from thalweg.env.tasks import task_names
 from thalweg.train.errors import TrainingError
 from thalweg.train.run import check_warmup
 from thalweg.world import LEVELS
@@ -50,8 +51,9 @@ RiverSeeds = Annotated[tuple[int, ...], BeforeValidator(_seeds)]
 """Seeds of rivers to train on: numbers, and ranges such as "1000:1016", whose end is excluded."""
 Observation = Literal["frames", "privileged"]
 """What trained policies see: frames through a packaged encoder, or the privileged observation."""
-EncoderName = Literal["default", "geometry"]
-"""Encoders that come with the package: the autoencoder's, and the one that predicts the ideal eye."""
+EncoderName = str
+"""An encoder that comes with the package, the autoencoder's `default` or `geometry`, which predicts the ideal eye, or
+one of a plug-in."""
 
 
 @frozen_config(ResultsError)
@@ -203,7 +205,7 @@ class Suite:
     """Encoder of the frames that they see, unless their arm says otherwise."""
     world_seeds: RiverSeeds = ()
     """Seeds of the rivers to train on, unless the arm has its own; if empty, the fixed river of the level."""
-    task: TaskName = "River"
+    task: str = "River"
     """Task that is trained and flown, see `thalweg.env.tasks`."""
     hard: bool = False
     """Whether the first cost of the task ends an episode; not for River."""
@@ -242,6 +244,8 @@ class Suite:
             ("algorithm", [each.algorithm for each in (*self.arms, *stages)], algorithm_names()),
             ("level", [self.train_level, *self.test_levels, *levels], LEVELS),
             ("baseline", self.baselines, BASELINES),
+            ("task", [self.task], task_names()),
+            ("encoder", {self.encoder, *(arm.encoder or self.encoder for arm in self.arms)}, encoder_names()),
         ):
             refuse_unknown(what, names, known, ValueError)
 
@@ -252,6 +256,10 @@ class Suite:
         if self.packaged:
             raise ValueError(
                 "the packaged policy has no continuous actions, which inertial dynamics need: set packaged: false"
+            )
+        if self.policies:
+            raise ValueError(
+                f"{self.policies[0].label}: functions take discrete actions, but inertial dynamics need continuous ones"
             )
         shields = [condition.name for condition in self.conditions if condition.shield]
         if shields:
@@ -307,6 +315,11 @@ class Suite:
     def arm(self, label: str) -> Arm:
         """Return the arm with a label."""
         return next(arm for arm in self.arms if arm.label == label)
+
+    def plugins_of(self, run: Run) -> list[str]:
+        """Return the algorithms, the encoder and the task that a run depends on; each may be a plug-in."""
+        coded = self.observation_of(run) == "frames" and run.kind != "packaged"
+        return [*self.algorithms_of(run), *([self.encoder_of(run)] if coded else []), self.task]
 
     def algorithms_of(self, run: Run) -> list[str]:
         """Return the algorithms of all stages of a run's training; none for a policy that is not trained."""

@@ -24,6 +24,13 @@ NAMES = {True: re.compile(r"[A-Z]\w*"), False: re.compile(r"[a-z]\w*")}
 """Names that begin with a capital, and those that do not."""
 
 
+RESERVED = (
+    *("world", "rules", "tasks", "evaluation", "imitation", "render", "encoder", "geometry", "packaged"),
+    *("privileged", "training", "sources", "default"),
+)
+"""Names that belong to versions of other things in the records of results."""
+
+
 class PluginError(ValueError):
     """Error for a plug-in that cannot be loaded or used; the message names file, line, and what would be right."""
 

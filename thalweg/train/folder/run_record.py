@@ -14,6 +14,8 @@ from thalweg.train.errors import TrainingError
 CONFIG, STATUS, POLICY = "config.yaml", "status.json", "policy.safetensors"
 PLUGIN = "plugin"
 """Key of a context: version and source of the plug-in that a policy was trained by."""
+PLUGINS = (PLUGIN, "encoder_plugin", "task_plugin")
+"""Keys of a context for plug-ins: the algorithm, the encoder and the task."""
 RUN_FOLDER = FolderKind("run", CONFIG, TrainingError, ignores_hidden=True)
 
 
@@ -58,10 +60,13 @@ def require_same(folder: Path, recorded: dict[str, Any], requested: dict[str, An
     RUN_FOLDER.require_same(folder, _identity(recorded), _identity(_as_read_from_yaml(requested)))
 
 
-def plugin_source(identity: dict[str, Any]) -> str:
-    """Return the hash of the source of the plug-in that a run is trained by; empty for an algorithm of the package."""
-    context = identity.get("context")
-    return context.get(PLUGIN, {}).get("source", "") if isinstance(context, dict) else ""
+def plugin_sources(run: dict[str, Any]) -> dict[str, str]:
+    """Return the hashes of the sources of the plug-ins of a run, by their names; empty for the package alone."""
+    context = run.get("context")
+    if not isinstance(context, dict):
+        return {}
+    names = run["algorithm"], str(context.get("encoder")).partition(" ")[0], context.get("env", {}).get("task")
+    return {name: context[key]["source"] for name, key in zip(names, PLUGINS, strict=True) if key in context}
 
 
 def write_status(folder: Path, status: dict[str, Any]) -> None:
@@ -82,12 +87,12 @@ def read_status(folder: Path) -> dict[str, Any]:
 
 
 def _identity(run: dict[str, Any]) -> dict[str, Any]:
-    """Return what identifies a run: without the place of its encoder's file and the source of its plug-in."""
+    """Return what identifies a run: without the place of its encoder's file and the sources of its plug-ins."""
     if not isinstance(context := run.get("context"), dict):
         return run
     kept = {key: value for key, value in context.items() if key != "encoder_file"}
-    if PLUGIN in kept:
-        kept[PLUGIN] = {key: value for key, value in kept[PLUGIN].items() if key != "source"}
+    for plugin in (key for key in PLUGINS if key in kept):
+        kept[plugin] = {key: value for key, value in kept[plugin].items() if key != "source"}
     return {**run, "context": kept}
 
 

@@ -88,10 +88,11 @@ class Recording:
         return "+".join(dict.fromkeys(self.pilots))
 
     def episode(self, number: int, world: World) -> Episode:
-        """Return the row of a finished flight in a table of episodes, with its `number` there."""
+        """Return the row of a flight in a table of episodes, with its `number` there; without a reason if it has not
+        ended, which tables do not hold."""
         totals = self.costs.cumsum(axis=0)[-1]  # one after the other, as evaluations add them
         x, y, z, yaw = map(float, self.poses[0])
-        reason = ALL_REASONS[self.reason]
+        reason = ALL_REASONS[self.reason] if self.reason >= 0 else ""
         return Episode(
             self.pilot,
             self.options.seed,

@@ -117,7 +117,7 @@ class RayExecutor:
             installed_versions(),
             self.sync_interval_s,
             file_contents(),
-            current_sources(context.suite.algorithms_of(state.run)),
+            current_sources(context.suite.plugins_of(state.run)),
         )
         return ray.cloudpickle.dumps(request)
 

@@ -15,6 +15,7 @@ from thalweg.env.task.priced.reserves import reserve_at
 from thalweg.env.task.priced.station import way_to
 from thalweg.env.task.priced.swimmers import mover_at
 from thalweg.env.task.progress import interpolate, projection_at, track_projection
+from thalweg.env.tasks import rules_like
 from thalweg.env.vehicle.boat_eye import BOAT_FEATURES
 
 SWIMMERS_SEEN = 3
@@ -48,7 +49,7 @@ _AT = len(FEATURES)
 
 def features_of(task: str, vehicle: str = "uav") -> tuple[str, ...]:
     """Return the names of all numbers that the ideal eye of a vehicle sees in a task; both as in `EnvConfig`."""
-    return (*FEATURES, *TASK_FEATURES[task], *(BOAT_FEATURES if vehicle == "asv" else ()))
+    return (*FEATURES, *TASK_FEATURES[rules_like(task)], *(BOAT_FEATURES if vehicle == "asv" else ()))
 
 
 @kernel(fastmath=False, allocates=False)

@@ -1,0 +1,64 @@
+"""Options that choose a flight: river, start, task, vehicle and look."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, River, checked_task
+
+
+@dataclass(frozen=True)
+class ChosenFlight:
+    """A flight by its options."""
+
+    level: str | None = None
+    """Easy, Medium or Hard; Medium by default, for the boat Medium-Deep."""
+    world_seed: int | None = None
+    """Seed of the river; by default the fixed river of the level. With --river: of its plants and hills."""
+    river: River = NO_FILE
+    seed: int = 0
+    """Seed of the flight: its start, and what moves in it."""
+    task: str = "River"
+    """River, Swimmers, Nests, RacingLine or Portage."""
+    vehicle: Literal["uav", "asv"] = "uav"
+    """`uav` flies; `asv` is a boat, for Easy, Medium-Deep and Hard-Deep."""
+    action: Literal["multidiscrete", "continuous"] = "multidiscrete"
+    """Kind of actions; sticks of gamepads are proportional with continuous ones."""
+    look: str = "as trained"
+    """Appearance: as trained, autumn, mist, overcast, brown water, still water, poor camera or random."""
+    wind: float = 0.0
+    """Mean speed of the wind in m/s; 0 is no wind."""
+    quality: Literal["full", "fast"] = "full"
+    """Quality of the frames; `fast` leaves out reflections, filters less, and interpolates the ground."""
+
+    def chosen(self, size_px: int) -> tuple[Any, Any]:
+        """Return the rivers that can be flown, `Rivers`, and the options of the flight, `FlightOptions`.
+
+        Raises `UsageError`, `ViewerError`, `WorldError` and `ConfigError` for options that are wrong or do not go
+        together, before anything is built.
+        """
+        from thalweg.viewer.flight.options import FlightOptions
+        from thalweg.viewer.flight.rivers import Rivers
+        from thalweg.world import level_named
+
+        reach = self.river.reach("--level", self.level)
+        level = level_named(self.level or DEFAULT_LEVEL[self.vehicle]).name if reach is None else reach.name
+        options = FlightOptions(
+            level=level,
+            world_seed=self.world_seed,
+            seed=self.seed,
+            task=checked_task(self.task),
+            vehicle=self.vehicle,
+            action=self.action,
+            look=self.look,
+            wind_m_per_s=self.wind,
+            quality=self.quality,
+            size_px=size_px,
+        )
+        options.rules  # noqa: B018  # options that do not go together are refused
+        return Rivers(reach), options
+
+
+def policy_name(given: str) -> str:
+    """Return the name of a policy for people: that of its file or folder, or the name that it was given by."""
+    return given if not Path(given).exists() else Path(given).resolve().name

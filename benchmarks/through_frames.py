@@ -149,7 +149,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         missing = missing_cells(arm, rows, EPISODES, FLIGHTS)
         print(f"{label(arm)}: {'to be flown' if missing else 'has a row'}", flush=True)
         if missing:
-            tasks.append(Task(arm, given.runs / arm.folder, given.threads, tuple(missing)))
+            tasks.append(Task(arm, given.runs / arm.folder, given.threads, cells=tuple(missing)))
     if given.list:
         return 0
     return status_of(tasks, given.jobs, given.out)

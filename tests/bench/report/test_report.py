@@ -412,7 +412,7 @@ def test_the_committed_tables_of_the_study_are_those_of_its_results():
         for old, new in zip(committed, computed, strict=True):
             assert [as_number(cell) for cell in old] == [as_number(cell) for cell in new], name
     committed_page = (folder / "report.html").read_text()
-    assert html_tables(committed_page) == html_tables(page(results, tables, {}, []))
+    assert html_tables(committed_page) == html_tables(page(results, SECTIONS, tables, {}, []))
     assert len(html_tables(committed_page)) == len(shown)
 
 

@@ -260,7 +260,7 @@ def test_a_misspelt_option_points_to_the_help_of_its_command(capsys: pytest.Capt
     "arguments",
     [
         [],
-        ["fly"],
+        ["swim"],
         ["world", "--sede", "1"],
         ["encoder", "train", "--inputs", "depth"],
         ["train", "--observation", "eye", "--out", "x"],

@@ -61,6 +61,6 @@ def test_a_suite_depends_on_the_version_of_the_encoder_that_it_names(tmp_path: P
         Suite("mine", (Arm("PPO"),), encoder="squares")
     write(tmp_path / "squares.py")
     suite = Suite("mine", (Arm("PPO"),), encoder="squares")
-    assert suite.plugins_of(Run("train", "PPO", 0)) == ["PPO", "squares"]
+    assert suite.plugins_of(Run("train", "PPO", 0)) == ["PPO", "squares", "River"]
     assert set(current_sources(suite.plugins_of(Run("train", "PPO", 0)))) == {"squares"}
     assert current_versions("train", ["PPO"], encoder="squares")["squares"] == 1

@@ -21,8 +21,7 @@ class Bench:
     """Train, evaluate and report a suite of runs; the same command resumes."""
 
     suite: Positional[str]
-    """`quick`, `easy`, `open`, `protocols`, `paper`, `privileged`, `swimmers`, `nests`, `racingline`, `portage`, or a
-    YAML file of your own."""
+    """quick, easy, open, protocols, paper, privileged, swimmers, nests, racingline, portage, or your own YAML file."""
     out: Path
     """Folder of the results."""
     jobs: int | None = None

@@ -1,11 +1,11 @@
 """Worlds that many tests share, and the marks of tests that need a GPU, a browser, Ray or the compiler for GPUs."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 
 import pytest
 
-from tests.browser import missing_for_browser
+from tests.browser import Browser, missing_for_browser
 from thalweg.core.compute.device import cuda_unavailable_reason
 from thalweg.world import World, load_or_build
 
@@ -62,3 +62,10 @@ def medium_world() -> World:
 def hard_world() -> World:
     """The fixed river of the level Hard."""
     return load_or_build("Hard")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    browser = Browser()
+    yield browser
+    browser.close()

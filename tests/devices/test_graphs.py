@@ -1,7 +1,6 @@
 """Tests that recorded and replayed gradient steps equal individual ones."""
 
 import dataclasses
-from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
@@ -9,11 +8,10 @@ import numpy as np
 import pytest
 import torch
 
-from tests.devices.pretend import PRETEND, Device, Mixed, pretended, record
+from tests.devices.pretend import PRETEND, Device, Mixed, record
 from tests.devices.test_learners import SHORT, SPACES
 from tests.devices.toy import TensorWalk
 from thalweg.algos import ALGORITHMS
-from thalweg.algos.common import cuda_graphs as graphs
 from thalweg.algos.common.cuda_graphs import WARM, CudaGraphs
 from thalweg.algos.common.state import array_of
 from thalweg.algos.interface import Rollout, Task
@@ -29,14 +27,6 @@ CASES = [
         ("Box", {"cost_limit": 0.5, "cost_critics": 2, "asymmetric_critics": True}),
     )
 ]
-
-
-@pytest.fixture
-def there(monkeypatch: pytest.MonkeyPatch) -> Iterator[Device]:
-    with pretended(monkeypatch) as device:
-        monkeypatch.setattr(graphs, "recorded", lambda step, generators: record(device, step))
-        monkeypatch.setattr(graphs, "beside", lambda step, rows: step(rows))
-        yield device
 
 
 class Telling(TensorCollector):
@@ -71,7 +61,7 @@ def trained(
 
 @pytest.mark.parametrize(("name", "space", "settings"), CASES, ids=str)
 @pytest.mark.slow
-def test_recorded_steps_equal_individual_ones(name: str, space: str, settings: dict[str, Any], there: Device):
+def test_recorded_steps_equal_individual_ones(name: str, space: str, settings: dict[str, Any], recorder: Device):
     one, other = (trained(name, space, settings, asked) for asked in (False, True))
     assert_equal(one, other)
     assert len(other[0].agent._graphs._replays) == (2 if name == "TD3Lag" else 1)
@@ -80,7 +70,7 @@ def test_recorded_steps_equal_individual_ones(name: str, space: str, settings: d
 
 @pytest.mark.parametrize("name", ["DDPGLag", "TD3Lag", "SACLag"])
 @pytest.mark.slow
-def test_recorded_steps_of_critics_alone_equal_individual_ones(name: str, there: Device):
+def test_recorded_steps_of_critics_alone_equal_individual_ones(name: str, recorder: Device):
     """And then those of the policy too: the multiplier, a number of the recording, stays, and so the recordings."""
     still = {"critic_warmup_steps": 60, "multiplier_rate": 0.0, "multiplier_gain": 0.0, "cost_limit": 0.5}
     one, other = (trained(name, "Box", still, asked, begun=True) for asked in (False, True))
@@ -100,7 +90,7 @@ def assert_equal(one: tuple[Any, list[dict[str, float]]], other: tuple[Any, list
             np.testing.assert_array_equal(values, theirs[weight])
 
 
-def test_a_step_is_recorded_once_per_kind_and_shape_and_again_for_other_numbers(there: Device):
+def test_a_step_is_recorded_once_per_kind_and_shape_and_again_for_other_numbers(recorder: Device):
     taken: list[tuple[int, float]] = []
     total = torch.zeros((), device=PRETEND)
 
@@ -117,8 +107,8 @@ def test_a_step_is_recorded_once_per_kind_and_shape_and_again_for_other_numbers(
 
 
 @pytest.mark.parametrize("wrong", ["reads", "brings"])
-def test_operations_that_involve_the_host_are_not_recorded(wrong: str, there: Device):
+def test_operations_that_involve_the_host_are_not_recorded(wrong: str, recorder: Device):
     rows = torch.ones(3, device=PRETEND)
     step = {"reads": lambda: float(rows.sum()), "brings": lambda: rows.add_(torch.ones(3).to(PRETEND))}[wrong]
     with pytest.raises(Mixed, match="can't be recorded"):
-        record(there, step)  # pyright: ignore[reportArgumentType]
+        record(recorder, step)  # pyright: ignore[reportArgumentType]

@@ -1,28 +1,18 @@
 """Tests that a student learns on a device as on the CPU, also by recorded steps, and keeps its tensors there."""
 
 import dataclasses
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
 import torch
 
 from tests.algos.imitation.test_student import lesson, small, student  # noqa: F401  (a fixture)
-from tests.devices.pretend import PRETEND, Device, pretended, record
-from thalweg.algos.common import cuda_graphs as graphs
+from tests.devices.pretend import PRETEND, Device, pretended
 from thalweg.algos.common.cuda_graphs import WARM, CudaGraphs
 from thalweg.algos.imitation.student import Lesson, Student
 from thalweg.algos.policy import fast_path
 
 pytestmark = pytest.mark.usefixtures("small")
-
-
-@pytest.fixture
-def there(monkeypatch: pytest.MonkeyPatch) -> Iterator[Device]:
-    with pretended(monkeypatch) as device:
-        monkeypatch.setattr(graphs, "recorded", lambda step, generators: record(device, step))
-        monkeypatch.setattr(graphs, "beside", lambda step, rows: step(rows))
-        yield device
 
 
 def taught(learner: Student, rounds: int = 3) -> list[dict[str, float]]:
@@ -51,14 +41,14 @@ def test_learning_on_a_device_equals_learning_on_the_cpu(monkeypatch: pytest.Mon
         assert one == pytest.approx(other, rel=1e-2)  # Adam makes steps of one size from the smallest gradients
 
 
-def test_recorded_steps_equal_individual_ones(there: Device):
+def test_recorded_steps_equal_individual_ones(recorder: Device):
     plain, recorded = student(device=PRETEND), student(device=PRETEND)
     recorded._graphs = CudaGraphs(True, [])
     assert 3 * lesson(0).fresh.shape[1] // plain.config.sequences_per_batch > WARM
     assert taught(recorded) == taught(plain)
 
 
-def test_a_student_of_a_device_resumes(there: Device):
+def test_a_student_of_a_device_resumes(recorder: Device):
     whole, begun, resumed = (student(device=PRETEND) for _ in range(3))
     taught(whole)
     expected = taught(whole)
@@ -68,7 +58,7 @@ def test_a_student_of_a_device_resumes(there: Device):
     assert resumed.generator.device == begun.generator.device
 
 
-def test_the_policy_of_a_device_acts_the_same_on_the_cpu(there: Device, tmp_path):
+def test_the_policy_of_a_device_acts_the_same_on_the_cpu(recorder: Device, tmp_path):
     learner = student(device=PRETEND)
     taught(learner)
     learner.policy.save(tmp_path / "policy.safetensors")

@@ -1,7 +1,6 @@
 """The page of a report as a reader has it: in a browser, without a network, by mouse and by keyboard, on a phone."""
 
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +20,6 @@ P3O-2,train,P3O,2,1234567,finished,,5000.0,1046.5
 P3O-10,train,P3O,10,20000,finished,,50.0,400.0
 """
 PUBLISHED = {name: f"{name} ({PAPER})" for name in ("PPO", "FOCOPS", "P3O")}
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    browser = Browser()
-    yield browser
-    browser.close()
 
 
 @pytest.fixture(scope="module")

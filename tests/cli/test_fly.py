@@ -78,12 +78,17 @@ def test_policies_of_one_name_are_told_apart():
     assert list(Fly()._loaders()) == ["packaged"]
 
 
+def heed_interrupts() -> None:
+    """Let Ctrl-C end this process, also where the tests run in the background, which passes on that it is ignored."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.slow
 def test_the_server_answers_at_its_address_alone_and_ends_well_when_interrupted(tmp_path: Path):
     command = [sys.executable, "-m", "thalweg", "fly", "--port", "0", "--out", str(tmp_path / "flights")]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, env=environment, cwd=tmp_path, **pipes) as server:
+    with subprocess.Popen(command, env=environment, cwd=tmp_path, preexec_fn=heed_interrupts, **pipes) as server:
         assert server.stdout is not None and server.stderr is not None
         address = server.stdout.readline().split()[-1]
         with urllib.request.urlopen(address) as answer:

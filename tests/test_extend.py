@@ -56,7 +56,8 @@ def test_the_example_is_installed_and_comes_to_a_row(tmp_path: Path):
     assert "PricedPG" in done.stdout
 
     board = thalweg("leaderboard", "results", cwd=tmp_path, path=str(installed))
-    assert re.search(r"\| PricedPG \(privileged\) \| results \|.*\| current \| 3 seeds", board.stdout), board.stdout
+    shown = rf"\| PricedPG \(privileged\) \| results \|.*\| current; PricedPG 1 \({source}\) \| 3 seeds"
+    assert re.search(shown, board.stdout), board.stdout
     again = thalweg("report", "results", cwd=tmp_path)  # without the plug-in
     assert again.returncode == 0 and "Note:   Not compared: PricedPG is a plug-in that is not here" in again.stdout
     flown = thalweg(

@@ -69,13 +69,20 @@ def shorten_type(app, domain, objtype, contentnode):
         return
     for part in contentnode.parent.findall(addnodes.desc_annotation):
         if "Annotated[" in part.astext() or "PydanticUndefined" in part.astext():
-            shown = re.sub(r"\b(\w+)\1\[", r"\1[", part.astext())  # a reference holds its long and its short name
+            shown = re.sub(r"\b(\w+)\1\b", r"\1", part.astext())  # a reference holds its long and its short name
             kept = re.search(r"Annotated\[(.+?), (?:FieldInfo|~?pydantic|\w+\()", shown)
             part.clear()
             part += nodes.Text(f": {kept[1]}" if kept else "")
 
 
+def keep_colons(app, what, name, obj, options, lines):
+    """Begin docstrings of fields with an empty comment, or Napoleon takes what comes before a colon for a type."""
+    if what in ("attribute", "data", "property"):
+        lines[:0] = ["..", ""]
+
+
 def setup(app):
-    """Connect both to Sphinx."""
+    """Connect these to Sphinx."""
+    app.connect("autodoc-process-docstring", keep_colons, priority=400)  # before Napoleon
     app.connect("autodoc-process-signature", shorten_signature)
     app.connect("object-description-transform", shorten_type)

@@ -6,16 +6,18 @@ READY := $(VENV)/.ready
 UNFINISHED := $(VENV)/.unfinished
 CUDA := $(VENV)/.cuda
 CLUSTER := $(VENV)/.cluster
+DOCS := $(VENV)/.docs
 OUT ?= results
 export MPLBACKEND := Agg
 
-.PHONY: help setup demo test test-slow test-all lint format bench clean
+.PHONY: help setup demo test test-slow test-all lint format docs bench clean
 
 help:
 	@echo "make demo    train, evaluate and report at small scale (about five minutes on two free cores); OUT=folder, default results"
 	@echo "make test    run the tests that take under five minutes on two cores"
 	@echo "make test-slow   run the others, with Ray and the compiler for GPUs; make test-all runs both"
 	@echo "make lint    format check, lint and types, as in CI"
+	@echo "make docs    build the site of the documentation in build/site/html, without warnings"
 	@echo "make bench   the paper's comparison: hours of training; OUT=folder, default results"
 	@echo "make setup   only make .venv and install what requirements.lock pins: a few minutes"
 	@echo "make clean   remove .venv and what tools leave behind (results stay)"
@@ -47,6 +49,10 @@ $(CLUSTER): $(READY) requirements-cluster.lock
 	$(BIN)/python -m pip install --disable-pip-version-check --quiet -r requirements-cluster.lock
 	@touch $@
 
+$(DOCS): $(READY) requirements-docs.lock
+	$(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps -r requirements-docs.lock
+	@touch $@
+
 demo: $(READY)
 	$(BIN)/thalweg bench quick --jobs 1 --out $(OUT)/quick
 
@@ -71,6 +77,11 @@ lint: $(READY)
 format: $(READY)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+docs: $(DOCS)
+	$(BIN)/python docs/site/stage.py build/site/source
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --jobs auto -c docs/site build/site/source build/site/html
+	@echo "build/site/html/index.html"
 
 bench: $(READY)
 	$(BIN)/thalweg bench paper --out $(OUT)/paper

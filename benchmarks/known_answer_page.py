@@ -34,7 +34,7 @@ def page(rows: Table, seeds: int) -> str:
         " shown for comparison only. The optimum of PPO has no limit, that of DDPG and TD3 is the best deterministic"
         " policy, and that of planners a perfect planner with their horizon."
     )
-    sections = [introduction]
+    sections = ["# Policies compared with the optimum of small problems", introduction]
     for name, problem in PROBLEMS.items():
         limits = " and ".join(f"{limit:g}" for limit in problem.limits)
         table = markdown(_problem_table(rows, name, seeds)).rstrip()

@@ -26,7 +26,8 @@ INDEX = ROOT / "docs" / "README.md"
 
 def pages(root: Path = ROOT) -> list[Path]:
     """Every Markdown page of the project, from the folders that hold some: no other tool is asked."""
-    return sorted([*root.glob("*.md"), *(root / "docs").rglob("*.md"), *(root / "benchmarks").rglob("*.md")])
+    found = [*root.glob("*.md"), *(root / "docs").rglob("*.md"), *(root / "benchmarks").rglob("*.md")]
+    return sorted(page for page in found if root / "docs" / "site" not in page.parents)  # those are Sphinx's
 
 
 def links(page: Path) -> list[str]:
@@ -38,7 +39,7 @@ def links(page: Path) -> list[str]:
 def unlisted(index: Path) -> list[str]:
     """Pages in the index's folder, or in folders of it, that the index does not link to."""
     linked = {(index.parent / link).resolve() for link in links(index)}
-    found = [page for page in index.parent.rglob("*.md") if page != index]
+    found = [page for page in index.parent.rglob("*.md") if page != index and index.parent / "site" not in page.parents]
     return sorted(page.relative_to(index.parent).as_posix() for page in found if page.resolve() not in linked)
 
 

@@ -3,7 +3,6 @@
 Importing the package registers its Gymnasium ids; subpackages are imported when they are used.
 """
 
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register, registry
@@ -11,10 +10,8 @@ from gymnasium.envs.registration import register, registry
 if TYPE_CHECKING:
     from thalweg.env.torch_env import TensorRiverEnv
 
-try:
-    __version__ = version("thalweg")
-except PackageNotFoundError:  # run from its folder without being installed
-    __version__ = "unknown"
+    __version__: str
+    """Version of the installed package, or "unknown" if it is run from its folder."""
 
 LEVEL_IDS = {name: f"thalweg/{name}-v0" for name in ("Easy", "Medium", "Hard")}
 """Gymnasium id of each level's fixed river, in the paper's task."""
@@ -26,6 +23,18 @@ TASK_IDS = {
 """Gymnasium id of each other task (`thalweg.env.tasks`) on each level's fixed river."""
 BOAT_IDS = {"Easy": "thalweg/Easy-ASV-v0", "Medium-Deep": "thalweg/Medium-ASV-v0", "Hard-Deep": "thalweg/Hard-ASV-v0"}
 """Gymnasium id of the boat (`EnvConfig.vehicle = "asv"`) on the fixed river of each level with water enough for it."""
+
+
+def __getattr__(name: str) -> Any:
+    """Return `__version__`, which is read from the installation when it is asked for."""
+    if name != "__version__":
+        raise AttributeError(f"module 'thalweg' has no attribute {name!r}")
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("thalweg")
+    except PackageNotFoundError:
+        return "unknown"
 
 
 def make_torch(level: str, num_envs: int = 1, **options: Any) -> "TensorRiverEnv":

@@ -15,6 +15,7 @@ import pytest
 from PIL import Image
 
 import thalweg
+from thalweg.core import atomic_io
 from thalweg.core.atomic_io import atomic_path, disk_errors_name, is_disk_error, write_atomic, write_picture
 
 FOLDERS = {
@@ -176,6 +177,7 @@ def test_concurrent_writers_leave_the_complete_file_of_one_of_them(tmp_path):
 
 HALF = """
 import os, signal, sys
+from thalweg.core import atomic_io
 from thalweg.core.atomic_io import atomic_path
 with atomic_path(sys.argv[1]) as draft:
     draft.write_text("half")
@@ -204,3 +206,26 @@ def test_only_the_known_modules_rename_files():
         if any(word in path.read_text(encoding="utf-8") for word in words)
     }
     assert found == {"core/atomic_io.py", *FOLDERS}
+
+
+@pytest.mark.parametrize(("busy", "left"), [(2, "new"), (9, "old")])
+def test_a_file_that_is_read_on_windows_is_replaced_a_little_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, busy: int, left: str
+):
+    (path := tmp_path / "file.txt").write_text("old")
+    attempts, replace = iter(range(100)), os.replace
+
+    def refuse_at_first(old: Path, new: Path) -> None:
+        if next(attempts) < busy:
+            raise PermissionError(13, "being used by another process")
+        replace(old, new)
+
+    monkeypatch.setattr(os, "replace", refuse_at_first)
+    monkeypatch.setattr(atomic_io, "ON_WINDOWS", True)
+    monkeypatch.setattr(atomic_io, "PAUSES_S", (0.0,) * 3)
+    if left == "old":
+        with pytest.raises(PermissionError):
+            write_atomic(path, "new")
+    else:
+        write_atomic(path, "new")
+    assert path.read_text() == left and names(tmp_path) == ["file.txt"]

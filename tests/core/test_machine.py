@@ -38,3 +38,8 @@ def test_a_run_on_a_gpu_records_the_gpu(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda: "NVIDIA Made-up")
     on_gpu, on_cpu = (record.describe(identity, 1)["machine"] for identity in ({"device": "cuda"}, {}))
     assert on_gpu["card"] == "NVIDIA Made-up" and set(on_gpu) - set(on_cpu) == {"card", "cuda", "numba-cuda"}
+
+
+def test_a_system_without_sysconf_has_no_known_memory(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delattr("os.sysconf")
+    assert machine_info()["memory_gib"] == 0

@@ -8,11 +8,15 @@ import errno
 import io
 import os
 import secrets
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+ON_WINDOWS = os.name == "nt"
+PAUSES_S = (0.05,) * 40
+"""Pauses between attempts to replace a file on Windows, in seconds."""
 DISK_ERRORS = {errno.ENOSPC, errno.EFBIG, errno.EIO, getattr(errno, "EDQUOT", errno.ENOSPC)}
 """Numbers of the system's errors about a disk that takes no more: no space left, too large, broken, or over a quota."""
 
@@ -56,9 +60,21 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
             # Without fsync, a power failure could leave the new name with no content behind it.
             with temporary.open("r+b") as file:
                 os.fsync(file.fileno())
-            os.replace(temporary, path)
+            _replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _replace(temporary: Path, path: Path) -> None:
+    """Give a file its name; on Windows, where a file that somebody reads can't be replaced, after up to two seconds."""
+    for pause in PAUSES_S if ON_WINDOWS else ():
+        try:
+            os.replace(temporary, path)
+        except PermissionError:
+            time.sleep(pause)
+        else:
+            return
+    os.replace(temporary, path)
 
 
 def write_atomic(path: str | Path, content: bytes | str) -> None:

@@ -14,6 +14,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label, Step, evaluate
+from thalweg.bench.pictures import film
 from thalweg.bench.pictures.film import (
     AROUND_M,
     FRAMES_PER_S,
@@ -159,3 +160,17 @@ def test_a_flight_without_steps_is_refused(easy_world: World, tmp_path: Path):
     with pytest.raises(ResultsError, match="without a step"):
         write_film(tmp_path / "film.mp4", easy_world, flight, "pilot")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("ahead", "during", "end"),
+    [(None, "return 0.50 of 10", "return 1.25 of 10"), (0.5, "return 0.50", "return 1.25, 50% of the course ahead")],
+)
+def test_returns_of_open_courses_are_not_compared_with_ten(
+    easy_world: World, ahead: float | None, during: str, end: str
+):
+    flight = flight_on(easy_world, 3)
+    flight = replace(
+        flight, returns=np.array([0.0, 0.5, 1.0]), episode=replace(flight.episode, ahead=ahead, return_=1.25)
+    )
+    assert [film._caption(easy_world, flight, index)[1] for index in (1, 2)] == [during, end]

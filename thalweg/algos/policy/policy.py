@@ -110,7 +110,7 @@ class Policy:
         return suits and self.temperature == 1.0 and actor.stack.flat.is_cpu and fast_path.enabled()
 
     def distribution(self, obs: Tensor) -> Distribution:
-        """Return π(·|s) for raw observations [B, K * D].
+        """Return π(a | s) for raw observations [B, K * D].
 
         Raises `AlgorithmError` for a policy with a recurrent memory, which acts through its player only.
         """
@@ -119,7 +119,7 @@ class Policy:
         return self.actions.distribution(self.actor(self.normaliser(obs)) / self.temperature)
 
     def distribution_of(self, inputs: Tensor | Sequences) -> Distribution:
-        """Return π(·|s) for inputs of the network: normalised observations [B, K * D], or sequences of them."""
+        """Return π(a | s) for inputs of the network: normalised observations [B, K * D], or sequences of them."""
         return self.actions.distribution(self.actor(inputs))
 
     def initialise_from(self, other: Any) -> None:

@@ -185,9 +185,19 @@ def _caption(world: World, flight: Flight, index: int) -> tuple[str, str, str]:
     last = index == len(flight.poses) - 1
     return (
         f"{episode.level}   step {index + 1}   height {pose[2] - river.level_m[nearest]:.1f} m",
-        f"return {episode.return_ if last else flight.returns[index]:.2f} of 10",
+        f"return {episode.return_ if last else flight.returns[index]:.2f}{_out_of(episode, last)}",
         f"{REASON_TEXT.get(episode.reason, UNFINISHED)}   cost {episode.cost:.1f}" if last else "",
     )
+
+
+def _out_of(episode: Episode, last: bool) -> str:
+    """Return what a return is compared with: 10 on a loop, and the share flown of what lay ahead on an open course.
+
+    There 10 is out of reach from most starts; the share is known at the end.
+    """
+    if episode.ahead is None:
+        return " of 10"
+    return f", {episode.ahead:.0%} of the course ahead" if last else ""
 
 
 def _draw_text(canvas: Image.Image, lines: Sequence[str], fonts: Sequence[Any], shape: FilmFormat) -> None:

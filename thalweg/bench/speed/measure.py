@@ -5,6 +5,7 @@ are done before the clock starts, except in the lines that say otherwise.
 """
 
 import itertools
+import math
 import os
 import statistics
 import subprocess
@@ -259,18 +260,24 @@ def _training(plan: Plan) -> Iterator[Measurement]:
     yield _measurement(
         "start and end of training", "s", [overhead], resolution="128x128", features="new process, all cached"
     )
-    yield _measurement("memory of training", "MiB", [memory], resolution="128x128", features="largest resident set")
+    if not math.isnan(memory):
+        yield _measurement("memory of training", "MiB", [memory], resolution="128x128", features="largest resident set")
 
 
 def _run_python(arguments: list[str], **environment: str) -> tuple[float, float]:
-    """Run Python with these arguments; return its seconds and its peak memory in MiB. Raises if it fails."""
+    """Run Python with these arguments; return its seconds and its peak memory in MiB, or nan on Windows.
+
+    Raises if it fails.
+    """
     start = time.perf_counter()
     process = subprocess.Popen(
         [sys.executable, *arguments], env={**os.environ, **environment}, stdout=subprocess.DEVNULL
     )
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
+    memory = math.nan
+    if hasattr(os, "wait4"):
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        memory = usage.ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+    if process.wait():
         raise subprocess.CalledProcessError(process.returncode, process.args)
-    unit = 2**20 if sys.platform == "darwin" else 2**10
-    return time.perf_counter() - start, usage.ru_maxrss / unit
+    return time.perf_counter() - start, memory

@@ -31,6 +31,7 @@ from thalweg.cli.imitate import Imitate
 from thalweg.cli.leaderboard import Leaderboard
 from thalweg.cli.options import REGISTRY, UsageError
 from thalweg.cli.oracle import FlyOracle
+from thalweg.cli.record import Record
 from thalweg.cli.render import RenderFrames
 from thalweg.cli.report import Report
 from thalweg.cli.speed import Speed
@@ -56,6 +57,7 @@ COMMANDS = {
     "evaluate": Evaluate,
     "fly": Fly,
     "film": Film,
+    "record": Record,
     "bench": Bench,
     "report": Report,
     "leaderboard": Leaderboard,

@@ -25,6 +25,7 @@ from tyro.conf import OmitSubcommandPrefixes, subcommand
 from thalweg.cli.bench import Bench
 from thalweg.cli.encoder import ENCODER_COMMANDS, Encoder, EncoderStudy, EncoderTrain
 from thalweg.cli.evaluate import Evaluate
+from thalweg.cli.export import Export
 from thalweg.cli.film import Film
 from thalweg.cli.fly import Fly
 from thalweg.cli.imitate import Imitate
@@ -58,6 +59,7 @@ COMMANDS = {
     "fly": Fly,
     "film": Film,
     "record": Record,
+    "export": Export,
     "bench": Bench,
     "report": Report,
     "leaderboard": Leaderboard,

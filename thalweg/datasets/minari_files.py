@@ -137,7 +137,7 @@ def compress(path: Path) -> None:
     """Compress the observations in an HDF5 file, which stay the same to the bit."""
     import h5py
 
-    draft = path.with_name(f".{path.name}.part")
+    draft = path.with_name("compressed.hdf5")
 
     def copy(name: str, item: Any) -> None:
         if not isinstance(item, h5py.Dataset):

@@ -28,6 +28,7 @@ from thalweg.cli.evaluate import Evaluate
 from thalweg.cli.export import Export
 from thalweg.cli.film import Film
 from thalweg.cli.fly import Fly
+from thalweg.cli.follow import Follow
 from thalweg.cli.imitate import Imitate
 from thalweg.cli.leaderboard import Leaderboard
 from thalweg.cli.options import REGISTRY, UsageError
@@ -60,6 +61,7 @@ COMMANDS = {
     "film": Film,
     "record": Record,
     "export": Export,
+    "follow": Follow,
     "bench": Bench,
     "report": Report,
     "leaderboard": Leaderboard,

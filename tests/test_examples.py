@@ -70,6 +70,12 @@ def test_the_custom_environment_of_the_docs_can_be_trained_on(tmp_path: Path):
     assert (tmp_path / "runs" / "cartpole" / "policy.safetensors").exists()
 
 
+def test_the_ros_2_node_compiles_and_says_that_no_robot_has_run_it():
+    source = (ROOT / "examples" / "ros2_follow.py").read_text()
+    compile(source, "ros2_follow.py", "exec")
+    assert "checked for its syntax only" in source
+
+
 def test_every_example_is_tested():
     files = Path(__file__), Path(__file__).with_name("plugins.py")  # that of a plug-in is run by `test_extend.py`
     tested = {name for file in files for name in re.findall(r'"(\w+\.py)"', file.read_text())}

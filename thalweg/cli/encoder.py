@@ -16,8 +16,9 @@ class EncoderTrain:
 
     out: Path
     """Folder of the run."""
-    target: Literal["image", "geometry"] = "image"
-    """What is learnt: the image itself, by an autoencoder, or what an ideal eye sees of the river."""
+    target: Literal["image", "geometry", "water"] = "image"
+    """What is learnt: the image itself, by an autoencoder, what an ideal eye sees of the river, or where the colours
+    show water, for `thalweg follow`, which is no encoder of codes."""
     inputs: Literal["rgb+mask", "rgb", "mask"] = "rgb+mask"
     """Channels that the encoder sees."""
     latent: int | None = None
@@ -47,6 +48,8 @@ class EncoderTrain:
     """Seed of the poses and of the training."""
 
     def run(self) -> int:
+        if self.target == "water":
+            return self._learn_water()
         return self._learn_geometry() if self.target == "geometry" else self._learn_images()
 
     def _given(self, *names: str) -> dict[str, Any]:
@@ -75,6 +78,31 @@ class EncoderTrain:
         )
         held_out = "" if result.held_out_mse is None else f", on held-out images {result.held_out_mse:.5f}"
         print(f"{result.path}: mean squared error {result.train_mse:.5f}{held_out}")
+        return 0
+
+    def _learn_water(self) -> int:
+        """Train a finder of water."""
+        from thalweg.train.encoder.water import WaterTraining
+
+        others = self._given("latent", "views", "rivers_in_memory", "device")
+        if others or self.inputs != "rgb+mask" or self.architecture != "lean" or self.river != NO_FILE:
+            option = next(iter(others), "inputs, --architecture or --river").replace("_", "-")
+            raise UsageError(
+                f"--{option} does not go with --target water, which learns from colours of rivers of levels"
+            )
+        seeds = {
+            name: parse_seeds(given, f"--{name.replace('_', '-')}", UsageError)
+            for name, given in self._given("world_seeds", "held_out_seeds").items()
+        }
+        path, iou = WaterTraining(
+            self.out,
+            seed=self.seed,
+            command=shlex.join(["thalweg", *sys.argv[1:]]),
+            **({"levels": self.level} if self.level else {}),
+            **seeds,
+            **self._given("images", "held_out", "epochs"),
+        ).run()
+        print(f"{path}: IoU of water {iou:.3f} on rivers held out, under all looks")
         return 0
 
     def _learn_geometry(self) -> int:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from thalweg.cli.options import UsageError, settings_from
 from thalweg.cli.run_result import print_result
@@ -22,12 +22,14 @@ class Imitate:
     """Seeds of rivers of each level, such as 1000:1256 (1256 excluded)."""
     observation: Literal["rgb+mask", "rgb", "mask"] = "rgb+mask"
     """What the policy sees: the image and the water mask, or one of them."""
+    recordings: tuple[Path, ...] = ()
+    """Folders that `thalweg record` wrote, to learn from in place of a pilot (behaviour cloning): nothing is flown."""
     steps: int = 1_000_000
-    """Steps of flight, over all environments together."""
+    """Steps of flight, over all environments together; with --recordings, recorded steps that are learnt from."""
     seed: int = 0
     """Seed of all random numbers."""
     num_envs: int = 32
-    """Number of environments that step together."""
+    """Number of environments that step together; with --recordings, sequences for each update."""
     rivers_in_memory: int | None = None
     """Greatest number of rivers in memory; by default as many as fit into half of the free memory."""
     set: tuple[str, ...] = ()
@@ -49,6 +51,8 @@ class Imitate:
         settings = settings_from(self.set)
         if "observation" in settings:
             raise UsageError("--set observation: give --observation instead")
+        if self.recordings:
+            return self._clone(settings)
         imitation = Imitation(
             self.out,
             steps=self.steps,
@@ -62,5 +66,25 @@ class Imitate:
             device=self.device,
         )
         result = imitation.run(progress=True)
+        print_result(result, ["--levels", *self.levels, "--unseen"])
+        return 0
+
+    def _clone(self, settings: dict[str, Any]) -> int:
+        """Learn from recordings; raises `UsageError` for options of flights."""
+        from thalweg.train.imitation.cloning import Cloning
+
+        for name in ("levels", "world_seeds", "rivers_in_memory"):
+            if getattr(self, name) != getattr(type(self), name):
+                raise UsageError(f"--{name.replace('_', '-')} does not go with --recordings, where nothing is flown")
+        result = Cloning(
+            self.out or Path(),
+            self.recordings,
+            steps=self.steps,
+            seed=self.seed,
+            sequences=self.num_envs,
+            settings={**settings, "observation": self.observation},
+            threads=self.threads,
+            device=self.device,
+        ).run(progress=True)
         print_result(result, ["--levels", *self.levels, "--unseen"])
         return 0

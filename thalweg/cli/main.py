@@ -25,12 +25,15 @@ from tyro.conf import OmitSubcommandPrefixes, subcommand
 from thalweg.cli.bench import Bench
 from thalweg.cli.encoder import ENCODER_COMMANDS, Encoder, EncoderStudy, EncoderTrain
 from thalweg.cli.evaluate import Evaluate
+from thalweg.cli.export import Export
 from thalweg.cli.film import Film
 from thalweg.cli.fly import Fly
+from thalweg.cli.follow import Follow
 from thalweg.cli.imitate import Imitate
 from thalweg.cli.leaderboard import Leaderboard
 from thalweg.cli.options import REGISTRY, UsageError
 from thalweg.cli.oracle import FlyOracle
+from thalweg.cli.record import Record
 from thalweg.cli.render import RenderFrames
 from thalweg.cli.report import Report
 from thalweg.cli.speed import Speed
@@ -56,6 +59,9 @@ COMMANDS = {
     "evaluate": Evaluate,
     "fly": Fly,
     "film": Film,
+    "record": Record,
+    "export": Export,
+    "follow": Follow,
     "bench": Bench,
     "report": Report,
     "leaderboard": Leaderboard,

@@ -39,7 +39,7 @@ class RenderFrames:
     quality: Literal["full", "fast"] = "full"
     """`fast` leaves out reflections, filters less, and interpolates the ground."""
     frames: Path | None = None
-    """Also write each frame as a PNG into this folder."""
+    """Also write each frame into this folder: colours, water mask, depth and class as PNG, and a table of poses."""
     gallery: bool = False
     """Draw a gallery instead: one view at both ends of each range of domain randomisation."""
     out: Path = Path("frames.png")
@@ -102,12 +102,15 @@ class RenderFrames:
         print(f"{self.out}: the ranges of domain randomisation in {world.name}, seed {world.seed}")
 
     def _write_frames(self, world: Any, poses: Any) -> None:
-        from thalweg.bench.pictures.contact_sheet import contact_sheet, write_frames
+        from thalweg.bench.pictures.contact_sheet import contact_sheet
+        from thalweg.bench.pictures.frame_files import write_frames, write_poses
         from thalweg.render import Renderer
 
-        frames = Renderer([world], self._camera, self.quality).render(poses, **self._props(world, poses))
+        renderer, props = Renderer([world], self._camera, self.quality), self._props(world, poses)
+        frames = renderer.render(poses, **props)
         if self.frames is not None:
-            write_frames(self.frames, frames)
+            write_frames(self.frames, frames, renderer.render_layers(poses, layers=("depth_m", "class_id"), **props))
+            write_poses(self.frames, poses)
         write_picture(self.out, contact_sheet(frames))
         for x, y, z, yaw in poses:
             print(f"--pose {x:.3f} {y:.3f} {z:.3f} {yaw:.4f}")

@@ -8,6 +8,11 @@ if TYPE_CHECKING:
     from thalweg.train import RunResult
 
 
+TOO_SHORT = "too few steps for an episode to end"
+NO_EPISODE = {"BC": "learnt from recordings, nothing was flown"}
+"""What is said of a run without an episode, by its algorithm."""
+
+
 def print_result(result: "RunResult", evaluation: Sequence[str]) -> None:
     """Print the result of a run; `evaluation`: options of the command that evaluates it."""
     if result.already_finished:
@@ -17,7 +22,7 @@ def print_result(result: "RunResult", evaluation: Sequence[str]) -> None:
     last = f"last 50: return {result.return_mean:.2f}, cost {result.cost_mean:.2f}"
     print(
         f"{result.folder}: {result.algorithm}, {result.steps:,} steps, {result.episodes:,} episodes in"
-        f" {result.seconds:.0f} s; {last if result.episodes else 'too few steps for an episode to end'}"
+        f" {result.seconds:.0f} s; {last if result.episodes else NO_EPISODE.get(result.algorithm, TOO_SHORT)}"
     )
     if result.already_finished or result.resumed_from is not None:  # else they have been shown
         for line in result.warnings:

@@ -7,6 +7,8 @@ EXTRAS = {
     "film": ("imageio", "imageio_ffmpeg"),
     "geo": ("shapely", "pyproj", "gpxpy", "defusedxml"),
     "viewer": ("starlette", "uvicorn", "websockets"),
+    "record": ("pyarrow", "minari", "h5py", "pandas", "imageio_ffmpeg"),
+    "export": ("onnx", "onnxscript", "onnxruntime"),
     "cuda": ("cuda", "numba_cuda"),
     "cluster": ("ray",),
 }
@@ -19,5 +21,5 @@ def advice_for(error: ModuleNotFoundError) -> str | None:
     if not any(missing in modules for modules in EXTRAS.values()):
         return None
     extra = next(extra for extra, modules in EXTRAS.items() if missing in modules)
-    several = "all" if extra in ("learn", "cli", "plot", "film", "geo", "viewer") else extra
+    several = "all" if extra in ("learn", "cli", "plot", "film", "geo", "viewer", "record", "export") else extra
     return f"{missing} is not installed; pip install 'thalweg[{several}]' installs what commands need"

@@ -6,15 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from thalweg.bench.studies.water_segmenter import (
-    WaterSegmenter,
-    load_segmenter,
-    mean_iou,
-    save_segmenter,
-    train_segmenter,
-    water_in,
-)
+from thalweg.bench.studies.water_segmenter import train_segmenter
 from thalweg.encoder import DEFAULT_PATH, EncoderFileError, EncoderInputError
+from thalweg.encoder.water import WaterSegmenter, load_segmenter, mean_iou, save_segmenter, water_in
 
 
 def masks(*rows: str) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image
 
-from thalweg.bench.pictures.contact_sheet import write_frames
+from thalweg.bench.pictures.frame_files import write_frames
 from thalweg.env.pilot.flight_poses import FLIGHT_STEPS, pilot_poses
 
 
@@ -23,5 +23,6 @@ def test_a_flight_moves_a_step_at_a_time_over_the_river(easy_world):
 def test_frames_are_written_one_by_one(tmp_path):
     frames = np.random.default_rng(0).integers(0, 256, (2, 16, 24, 4), dtype=np.uint8)
     write_frames(tmp_path / "frames", frames)
-    assert sorted(path.name for path in (tmp_path / "frames").iterdir()) == ["0000.png", "0001.png"]
+    names = sorted(path.name for path in (tmp_path / "frames").iterdir())
+    assert names == ["0000-mask.png", "0000.png", "0001-mask.png", "0001.png"]
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "frames" / "0001.png")), frames[1, ..., :3])

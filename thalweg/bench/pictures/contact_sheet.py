@@ -1,12 +1,9 @@
 """Contact sheets: many frames in one picture, each above its water mask."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 from PIL import Image
-
-from thalweg.core.atomic_io import write_picture
 
 GAP_PX = 4
 
@@ -23,10 +20,3 @@ def contact_sheet(frames: np.ndarray, columns: int = 8) -> Image.Image:
         below = top + height + GAP_PX // 2
         picture[below : below + height, left : left + width] = frame[..., 3:]
     return Image.fromarray(picture)
-
-
-def write_frames(folder: Path, frames: np.ndarray) -> None:
-    """Write the colours of frames uint8 [N, H, W, 4] as PNG files 0000.png, 0001.png, ... to a folder, created if
-    missing."""
-    for index, frame in enumerate(frames):
-        write_picture(folder / f"{index:04}.png", Image.fromarray(np.ascontiguousarray(frame[..., :3])))

@@ -27,14 +27,7 @@ from thalweg.bench.studies.encoder_tables import (
     size_figure,
     size_row,
 )
-from thalweg.bench.studies.water_segmenter import (
-    WaterSegmenter,
-    load_segmenter,
-    mean_iou,
-    save_segmenter,
-    train_segmenter,
-    water_in,
-)
+from thalweg.bench.studies.water_segmenter import train_segmenter
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.config import TupleOf, frozen_config, to_plain
@@ -43,6 +36,7 @@ from thalweg.encoder import PACKAGED, Encoder, Source, draw_reconstructions, loa
 from thalweg.encoder.linear_probe import probe_r_squared
 from thalweg.encoder.reconstruction import reconstruct
 from thalweg.encoder.training import resolve_precision, split_indices
+from thalweg.encoder.water import WaterSegmenter, load_segmenter, mean_iou, save_segmenter, water_in
 from thalweg.env.privileged_state import privileged_state
 from thalweg.env.task.ideal_eye import FEATURES, RANGE_M
 from thalweg.render import RENDER_VERSION, Renderer

@@ -41,6 +41,8 @@ class Flight:
         """Share of an open course that lies ahead of the start; NaN on a loop."""
         self.info: dict[str, Any] = info
         """Of the last step, or of the start."""
+        self.terminated = False
+        """Whether the rules ended it; a deadline does not."""
         self.actions: list[np.ndarray] = []
         """[4] of each step, as the environment took them."""
         self.pilots: list[str] = []
@@ -70,7 +72,8 @@ class Flight:
 
     def step(self, action: np.ndarray, pilot: str) -> None:
         """Take an action [4] of the environment's space; raises `ActionError` for another one."""
-        _, reward, _, _, self.info = self.env.step(np.asarray(action)[None])
+        _, reward, terminated, _, self.info = self.env.step(np.asarray(action)[None])
+        self.terminated = bool(terminated[0])
         self.actions.append(np.array(action))
         self.pilots.append(pilot)
         self.rewards.append(float(reward[0]))

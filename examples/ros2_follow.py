@@ -1,0 +1,137 @@
+"""A ROS 2 node that follows a river by an exported policy: images in, velocities out, and a stop when either fails.
+
+It was checked for its syntax only: no robot, and no ROS, has run it. Try it with the propellers off.
+
+    python examples/ros2_follow.py --ros-args -p policy:=policy.onnx -p speed:=0.5
+
+The policy sees `image` (sensor_msgs/Image, rgb8 or bgr8) and, if it takes one, `mask` (mono8, 255 where water is seen).
+It chooses a step every `steps.seconds` of the file's metadata, which becomes a velocity on `cmd_vel`
+(geometry_msgs/Twist, x forward, y left, z up, yaw to the left). The camera should be that of the metadata: the field of
+view, and as far below the horizon.
+"""
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import onnxruntime
+import rclpy
+from geometry_msgs.msg import Twist
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import Image
+
+BRANCHES = ("vertical", "yaw", "longitudinal", "lateral")
+
+
+class FollowRiver(Node):
+    """Flies by the newest image, at the rate of the policy's steps; stops where images are late or the policy fails."""
+
+    def __init__(self) -> None:
+        super().__init__("follow_river")
+        path = self.declare_parameter("policy", "policy.onnx").value
+        self.speed = min(max(float(self.declare_parameter("speed", 0.5).value), 0.0), 1.0)
+        self.patience_s = float(self.declare_parameter("patience_s", 0.5).value)
+        self.session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+        self.about = json.loads(self.session.get_modelmeta().custom_metadata_map["thalweg"])
+        if "proprioception" in self.about["inputs"]:
+            raise RuntimeError("this node measures no proprioception: export a policy that takes none")
+        camera, self.step = self.about["camera"], self.about["steps"]
+        self.size = camera["height_px"], camera["width_px"]
+        self.memory = np.zeros((1, self.about["memory"]), np.float32)
+        self.last = np.full((1, len(BRANCHES)), -1, np.int64)
+        self.fresh = True
+        self.seen: dict[str, tuple[float, np.ndarray]] = {}
+        self.commands = self.create_publisher(Twist, "cmd_vel", 1)
+        self.create_subscription(Image, "image", self.on_image, qos_profile_sensor_data)
+        if "mask" in self.about["inputs"]:
+            self.create_subscription(Image, "mask", self.on_mask, qos_profile_sensor_data)
+        self.create_timer(self.step["seconds"], self.on_step)
+
+    def on_image(self, message: Image) -> None:
+        """Keep the newest picture."""
+        picture = self.pixels(message, 3)
+        if picture is not None:
+            self.seen["image"] = self.now(), picture[..., ::-1] if message.encoding == "bgr8" else picture
+
+    def on_mask(self, message: Image) -> None:
+        """Keep the newest mask."""
+        mask = self.pixels(message, 1)
+        if mask is not None:
+            self.seen["mask"] = self.now(), np.where(mask[..., 0] > 127, 255, 0)
+
+    def on_step(self) -> None:
+        """Publish the velocity of the next step, or a stop."""
+        wanted = [name for name in ("image", "mask") if name in self.about["inputs"]]
+        late = [name for name in wanted if self.now() - self.seen.get(name, (-math.inf, None))[0] > self.patience_s]
+        if late:
+            self.stop(f"no {' and no '.join(late)} for {self.patience_s} s")
+            return
+        try:
+            options = self.choose({name: self.seen[name][1] for name in wanted})
+        except Exception as error:  # whatever it is, the vehicle must stop
+            self.stop(f"the policy failed: {error}")
+            return
+        self.commands.publish(self.velocity(options))
+
+    def choose(self, seen: dict[str, np.ndarray]) -> np.ndarray:
+        """Return the options [4] of the next step, and remember it."""
+        given: dict[str, Any] = {name: np.ascontiguousarray(each[None], np.uint8) for name, each in seen.items()}
+        given |= {"fresh": np.array([self.fresh]), "memory": self.memory, "last_action": self.last}
+        names = [output.name for output in self.session.get_outputs()]
+        inputs = {name: given[name] for name in self.about["inputs"]}
+        found = dict(zip(names, self.session.run(names, inputs), strict=True))
+        self.memory, self.last, self.fresh = found.get("next_memory", self.memory), found["action"], False
+        return found["action"][0]
+
+    def velocity(self, options: np.ndarray) -> Twist:
+        """Return the velocity of a step by its options [4], each 0, 1 or 2 for +1, 0 or -1 unit."""
+        units = {branch: float(1 - option) for branch, option in zip(BRANCHES, options, strict=True)}
+        rate = self.speed / self.step["seconds"]
+        command = Twist()
+        command.linear.x = max(units["longitudinal"], 0.0) * self.step["forward_m"] * rate  # backward has no effect
+        command.linear.y = units["lateral"] * self.step["lateral_m"] * rate
+        command.linear.z = units["vertical"] * self.step["vertical_m"] * rate
+        command.angular.z = units["yaw"] * math.radians(self.step["yaw_deg"]) * rate
+        return command
+
+    def stop(self, reason: str) -> None:
+        """Publish a stop; the policy begins anew when it can fly again."""
+        self.fresh = True
+        self.commands.publish(Twist())
+        self.get_logger().warning(f"stopped: {reason}", throttle_duration_sec=1.0)
+
+    def pixels(self, message: Image, channels: int) -> np.ndarray | None:
+        """Return a message's picture [H, W, C] uint8 in the policy's size, cut to its shape from the middle."""
+        if message.encoding not in (("rgb8", "bgr8") if channels == 3 else ("mono8", "8UC1")):
+            self.stop(f"pictures are {message.encoding}, not of {channels} channels of a byte")
+            return None
+        rows = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
+        picture = rows[:, : message.width * channels].reshape(message.height, message.width, channels)
+        height, width = self.size
+        side = min(message.height / height, message.width / width)
+        down = (message.height - side * height) / 2 + side * (np.arange(height) + 0.5)
+        right = (message.width - side * width) / 2 + side * (np.arange(width) + 0.5)
+        return picture[down.astype(int)][:, right.astype(int)]
+
+    def now(self) -> float:
+        """Return the time in seconds by the node's clock."""
+        return self.get_clock().now().nanoseconds * 1e-9
+
+
+def main() -> None:
+    rclpy.init()
+    node = FollowRiver()
+    try:
+        rclpy.spin(node)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        if rclpy.ok():
+            node.stop("the node ends")
+        node.destroy_node()
+
+
+if __name__ == "__main__":
+    main()

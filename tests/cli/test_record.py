@@ -1,0 +1,86 @@
+"""Tests of `thalweg record` on the command line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from thalweg.cli.main import main
+from thalweg.datasets.recordings import read_recordings
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.render import Camera
+from thalweg.viewer.flight.flight import Flight, env_of
+from thalweg.viewer.flight.options import FlightOptions
+from thalweg.viewer.flight.recording import Folder
+from thalweg.world import World
+
+
+def test_flights_of_a_pilot_are_recorded_as_the_environment_has_them(
+    tmp_path: Path, easy_world: World, capsys: pytest.CaptureFixture
+):
+    out = tmp_path / "flights"
+    options = ["--level", "easy", "--episodes", "2", "--seed", "3", "--steps", "3", "--size", "32"]
+    assert main(["record", "pilot", *options, "--out", str(out)]) == 0
+    assert "2 flights, 6 steps (2 stopped) in the format of lerobot" in capsys.readouterr().out
+    config = EnvConfig(observation=("rgb", "mask", "depth", "class", "proprioception"), camera=Camera(32, 32))
+    env = RiverVectorEnv([easy_world], 1, config)
+    about, flights = read_recordings(out)
+    assert about.fps == 4 and about.camera["height_px"] == 32
+    for seed, flight in zip((3, 4), flights, strict=True):
+        seen, info = env.reset(seed=seed)
+        for step in range(3):
+            np.testing.assert_array_equal(flight.rgb[step], seen["rgb"][0])
+            for name, layer in (("mask", flight.mask), ("depth", flight.depth_m), ("class", flight.class_id)):
+                assert layer is not None
+                np.testing.assert_array_equal(layer[step], seen[name][0, ..., 0], err_msg=name)
+            np.testing.assert_array_equal(flight.proprioception[step], seen["proprioception"][0])
+            np.testing.assert_array_equal(flight.poses[step], info["pose"][0])
+            actions = env.pilot_actions()
+            assert flight.options is not None
+            np.testing.assert_array_equal(flight.options[step], actions[0])
+            seen, reward, _, _, info = env.step(actions)
+            assert flight.rewards[step] == np.float32(reward[0])
+        assert not flight.terminated and flight.reason == -1 and set(flight.pilots) == {"pilot"}
+
+
+def test_a_flight_that_was_saved_is_recorded_through_another_camera(tmp_path: Path, easy_world: World):
+    options = FlightOptions(level="Easy", size_px=32, seed=3, look="autumn", action="continuous")
+    flight = Flight(env_of(easy_world, options), options)
+    flight.step(np.array([0.5, 0.0, 1.0, 0.0], np.float32), "hand")
+    saved = tmp_path / f"{Folder(tmp_path).save(flight)}.npz"
+    out = tmp_path / "flights"
+    camera = ["--size", "48", "--fov-deg", "80", "--pitch-deg", "30", "--layers", "mask"]
+    assert main(["record", str(saved), *camera, "--format", "minari", "--out", str(out)]) == 0
+    about, flights = read_recordings(out)
+    (found,) = flights
+    assert (about.camera["fov_deg"], about.camera["pitch_deg"], about.layers) == (80.0, 30.0, ("mask",))
+    assert found.size_px == (48, 48) and found.depth_m is None and found.options is None
+    assert found.moves.tolist() == [[0.5, 0.0, 1.0, 0.0]]
+    assert found.options_of_flight["look"] == "autumn" and found.pilots == ("hand",)
+
+
+def test_a_saved_flight_is_one_flight(capsys: pytest.CaptureFixture):
+    assert main(["record", "x.npz", "--episodes", "3"]) == 2
+    assert "--episodes and --world-seeds do not go with x.npz, which is one flight" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        (["--episodes", "0"], "--episodes must be at least 1, not 0"),
+        (["--steps", "0"], "--steps must be at least 1, not 0"),
+        (["--video", "--size", "33"], "--video needs an even --size, not 33"),
+        (["--video", "--format", "minari"], "Minari keeps no videos"),
+        (["--format", "minari", "--out", "my flights"], "letters, digits, - and _, not 'my flights'"),
+        (["--world-seed", "1", "--world-seeds", "2"], "give --world-seed or --world-seeds, not both"),
+        (["--look", "fog"], "look must be one of"),
+        (["--fov-deg", "200"], "--fov-deg must be a number from 5 to 150, got 200.0"),
+    ],
+)
+def test_a_wrong_option_is_refused_before_anything_is_flown(
+    options: list[str], error: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["record", "pilot", *options]) == 2
+    assert error in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,145 @@
+"""Tests of data sets of LeRobot, against the layout of version 3.0 as LeRobot 0.4 documents and reads it.
+
+LeRobot needs another version of torch than this project pins, so that it is not run here.
+"""
+
+import io
+import json
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pandas
+import pyarrow.parquet
+import pytest
+from PIL import Image
+
+from tests.datasets.episodes import ABOUT, SIZE, assert_same, flight, without
+from thalweg.datasets.errors import DatasetError
+from thalweg.datasets.recordings import read_recordings, recording
+
+FLIGHTS = [flight(3), flight(5, seed=1, ended=False)]
+CAMERA = "observation.images.camera"
+
+
+def write(folder: Path, *, video: bool = False) -> Path:
+    with recording(folder, "lerobot", ABOUT, video=video) as writer:
+        for episode in FLIGHTS:
+            writer.add(episode)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("lerobot") / "flights")
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("lerobot") / "filmed", video=True)
+
+
+def test_the_info_says_what_is_there_and_where(written: Path):
+    info = json.loads((written / "meta/info.json").read_text())
+    assert info["codebase_version"] == "v3.0"
+    assert info["data_path"] == "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+    assert info["video_path"] is None
+    numbers = ("total_episodes", "total_frames", "total_tasks", "fps", "chunks_size")
+    assert [info[name] for name in numbers] == [2, 8, 1, 4, 1000]
+    assert info["splits"] == {"train": "0:2"}
+    features = info["features"]
+    assert features[CAMERA] == {"dtype": "image", "shape": [*SIZE, 3], "names": ["height", "width", "channels"]}
+    assert features["depth"]["shape"] == [*SIZE] and features["mask"]["shape"] == [*SIZE, 1]
+    assert features["action"]["names"] == ["up", "turn left", "forward", "left"]
+    indices = {"timestamp", "frame_index", "episode_index", "index", "task_index"}
+    assert indices <= set(features) and not any("/" in name for name in features)
+
+
+def test_every_frame_is_a_row_with_its_pictures_as_png(written: Path):
+    tables = [pyarrow.parquet.read_table(written / f"data/chunk-000/file-{number:03d}.parquet") for number in (0, 1)]
+    rows = [row for table in tables for row in table.to_pylist()]
+    assert [row["index"] for row in rows] == list(range(8))
+    assert [row["episode_index"] for row in rows] == [0] * 3 + [1] * 5
+    assert [row["timestamp"] for row in rows[3:]] == [0.0, 0.25, 0.5, 0.75, 1.0]
+    assert [row["next.done"] for row in rows] == [False, False, True, False, False, False, False, True]
+    assert [row["next.success"] for row in rows] == [False, False, True] + 5 * [False]
+    assert [row["next.reason"] for row in rows] == [-1, -1, 1] + 5 * [-1]
+    row, wanted = rows[4], FLIGHTS[1]
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(row[CAMERA]["bytes"]))), wanted.rgb[1])
+    assert wanted.mask is not None and wanted.depth_m is not None
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(row["mask"]["bytes"]))), wanted.mask[1])
+    np.testing.assert_array_equal(np.array(row["depth"], np.float32), wanted.depth_m[1])
+    assert row["action"] == wanted.moves[1].tolist() and row["pose"] == wanted.poses[1].tolist()
+
+
+def test_the_table_of_episodes_says_where_each_one_is(filmed: Path):
+    table = pandas.read_parquet(filmed / "meta/episodes/chunk-000/file-000.parquet")
+    assert table["length"].tolist() == [3, 5]
+    assert table["dataset_from_index"].tolist() == [0, 3] and table["dataset_to_index"].tolist() == [3, 8]
+    assert table["data/file_index"].tolist() == [0, 1] == table[f"videos/{CAMERA}/file_index"].tolist()
+    assert table[f"videos/{CAMERA}/to_timestamp"].tolist() == [0.75, 1.25]
+    assert [list(tasks) for tasks in table["tasks"]] == [["Follow the river to its end without touching anything."]] * 2
+    tasks = pandas.read_parquet(filmed / "meta/tasks.parquet")
+    assert tasks["task_index"].to_dict() == {"Follow the river to its end without touching anything.": 0}
+
+
+def test_statistics_are_those_of_all_frames(written: Path):
+    found = json.loads((written / "meta/stats.json").read_text())
+    poses = np.concatenate([each.poses[:-1] for each in FLIGHTS])
+    np.testing.assert_allclose(found["pose"]["mean"], poses.mean(axis=0))
+    np.testing.assert_allclose(found["pose"]["std"], poses.std(axis=0))
+    assert found["pose"]["count"] == [8]
+    frames = np.concatenate([each.rgb[:-1] for each in FLIGHTS]) / 255.0
+    assert np.shape(found[CAMERA]["mean"]) == (3, 1, 1)
+    np.testing.assert_allclose(np.ravel(found[CAMERA]["mean"]), frames.mean(axis=(0, 1, 2)))
+
+
+def test_a_video_has_a_frame_for_each_step_close_to_what_was_seen(filmed: Path):
+    path = filmed / f"videos/{CAMERA}/chunk-000/file-001.mp4"
+    assert imageio_ffmpeg.count_frames_and_secs(str(path)) == (5, 1.25)
+    info = json.loads((filmed / "meta/info.json").read_text())
+    assert info["features"][CAMERA]["dtype"] == "video" and info["features"][CAMERA]["info"]["video.fps"] == 4
+    _, flights = read_recordings(filmed)
+    for found, wanted in zip(flights, FLIGHTS, strict=True):
+        assert_same(without(found, mask=None), without(wanted, mask=None), frames=0)
+        assert found.rgb.shape == wanted.rgb.shape and np.abs(found.rgb.astype(int) - wanted.rgb).mean() < 60
+
+
+def test_flights_are_read_as_they_were_recorded_but_for_the_last_sight(written: Path):
+    about, flights = read_recordings(written)
+    assert about == ABOUT
+    for found, wanted in zip(flights, FLIGHTS, strict=True):
+        assert_same(found, wanted, frames=wanted.steps)
+
+
+@pytest.mark.parametrize("broken", ["thalweg.json", "info.json"])
+def test_a_data_set_of_others_or_another_version_is_refused(tmp_path: Path, broken: str):
+    folder = write(tmp_path / "flights")
+    path = folder / "meta" / broken
+    told = json.loads(path.read_text())
+    path.write_text(json.dumps(told | {"format": 9, "codebase_version": "v9.0"}))
+    with pytest.raises(DatasetError, match=r"this version reads v3\.0 and 1"):
+        read_recordings(folder)
+    path.write_text("[")
+    with pytest.raises(DatasetError, match="cannot be read as a data set of LeRobot"):
+        read_recordings(folder)
+    (folder / "meta/thalweg.json").unlink()
+    with pytest.raises(DatasetError, match="was not recorded by Thalweg"):
+        read_recordings(folder)
+
+
+def test_a_folder_without_a_data_set_is_refused(tmp_path: Path):
+    with pytest.raises(DatasetError, match="holds no data set"):
+        read_recordings(tmp_path)
+    with pytest.raises(DatasetError, match="is no folder"):
+        read_recordings(tmp_path / "missing")
+
+
+def test_a_folder_with_something_in_it_is_never_written_to(tmp_path: Path):
+    (tmp_path / "file").write_text("")
+    with (
+        pytest.raises(DatasetError, match="is there already"),
+        recording(tmp_path, "lerobot", ABOUT) as writer,
+    ):
+        writer.add(flight(2))
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

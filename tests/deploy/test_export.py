@@ -1,0 +1,141 @@
+"""Tests of exported policies: ONNX Runtime acts as the policy does, and what cannot be faithful is refused."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from tests.deploy import policies
+from thalweg.bench.evaluate.baselines import BASELINES
+from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.deploy import export
+from thalweg.deploy.errors import ExportError
+from thalweg.deploy.export import export_policy
+from thalweg.deploy.onnx_policy import OnnxPolicy
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.train import load_policy
+from thalweg.world import World
+
+STEPS = 40
+
+
+def test_the_packaged_policy_flies_the_same_flight_by_onnx_runtime(tmp_path: Path, easy_world: World):
+    policy = load_policy(PACKAGED_POLICY)
+    path = tmp_path / "policy.onnx"
+    about = export_policy(policy, path, source=PACKAGED_POLICY, name="packaged")
+    assert about["inputs"] == ["image", "mask", "fresh", "memory", "last_action"]
+    exported = OnnxPolicy.load(path)
+    env = RiverVectorEnv([easy_world], 2, EnvConfig(observation="rgb+mask"))
+    player, flights = policy.player(2, deterministic=True), exported.player(2)
+    seen, _ = env.reset(seed=5)
+    fresh, taken = np.ones(2, bool), []
+    for _ in range(STEPS):
+        wanted = player(seen, fresh)
+        found = flights(image=np.ascontiguousarray(seen[..., :3]), mask=np.ascontiguousarray(seen[..., 3]), fresh=fresh)
+        np.testing.assert_array_equal(found, wanted)
+        taken.append(found)
+        seen, _, terminated, truncated, _ = env.step(found)
+        fresh = terminated | truncated
+    assert len(np.unique(np.concatenate(taken), axis=0)) > 3
+
+
+@pytest.mark.parametrize("name", ["default", "geometry"])
+@pytest.mark.parametrize(("memory", "felt"), [(0, False), (8, True)])
+def test_policies_of_codes_act_the_same(name: str, memory: int, felt: bool, tmp_path: Path, easy_world: World):
+    policy, encoder = policies.of_codes(name, memory, felt=felt)
+    about = export_policy(policy, tmp_path / "policy.onnx")
+    exported = OnnxPolicy.load(tmp_path / "policy.onnx")
+    env = RiverVectorEnv([easy_world], 1, EnvConfig(observation=("rgb", "mask", "proprioception")))
+    player, flights = policy.player(1, deterministic=True), exported.player()
+    seen, _ = env.reset(seed=2)
+    fresh, taken = np.ones(1, bool), set()
+    for _ in range(15):
+        codes = encoder(np.concatenate([seen["rgb"], seen["mask"]], axis=-1))
+        wanted = player(np.concatenate([codes, seen["proprioception"]], axis=1) if felt else codes, fresh)
+        given = {"image": seen["rgb"], "mask": seen["mask"][..., 0], "proprioception": seen["proprioception"]}
+        found = flights(**{name: given[name] for name in given if name in about["inputs"]})
+        np.testing.assert_array_equal(found, wanted)
+        taken.add(tuple(found[0]))
+        seen, _, terminated, truncated, _ = env.step(env.pilot_actions())
+        fresh = terminated | truncated
+    assert len(taken) > 1 and about["sees"] == "rgb+mask"
+
+
+@pytest.mark.parametrize(("sees", "memory"), [("rgb", 0), ("mask", 6), ("rgb+mask", 0)])
+def test_policies_of_images_act_the_same_in_any_number_of_vehicles(sees: str, memory: int, tmp_path: Path):
+    policy = policies.of_images(sees, memory)
+    export_policy(policy, tmp_path / "policy.onnx")
+    exported = OnnxPolicy.load(tmp_path / "policy.onnx")
+    rng = np.random.default_rng(3)
+    for count in (1, 5):
+        player, flights = policy.player(count, deterministic=True), exported.player(count)
+        for step in range(4):
+            image = rng.integers(256, size=(count, 128, 128, 3), dtype=np.uint8)
+            mask = rng.integers(2, size=(count, 128, 128), dtype=np.uint8) * 255
+            given: dict[str, Any] = {"rgb": {"image": image}, "mask": {"mask": mask}}.get(
+                sees, {"image": image, "mask": mask}
+            )
+            seen = np.concatenate([value.reshape(count, 128, 128, -1) for value in given.values()], axis=-1)
+            fresh = np.arange(count) % 2 == step % 2 if step else np.ones(count, bool)
+            np.testing.assert_array_equal(flights(**given, fresh=fresh), player(seen, fresh))
+
+
+def test_a_file_says_what_it_needs_and_what_it_means(tmp_path: Path):
+    source = tmp_path / "policy.safetensors"
+    policy = policies.of_images("rgb")
+    policy.save(source)
+    export_policy(policy, tmp_path / "policy.onnx", source=source, name="mine")
+    about = OnnxPolicy.load(tmp_path / "policy.onnx").about
+    assert (about["name"], about["algorithm"], about["sees"]) == ("mine", "DAgger", "rgb")
+    assert about["policy_hash"] and about["versions"]["torch"] == torch.__version__
+    assert about["actions"]["yaw"] == ["turn left", "none", "turn right"]
+    camera = about["camera"]
+    assert (camera["height_px"], camera["fov_deg"], camera["pitch_deg"]) == (128, 60.0, 20.0)
+    assert about["steps"] == {"seconds": 0.25, "vertical_m": 1, "yaw_deg": 10, "forward_m": 1, "lateral_m": 0.5}
+    model = onnx.load(tmp_path / "policy.onnx")
+    assert [each.name for each in model.graph.input] == ["image", "fresh", "last_action"] == about["inputs"]
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (policies.privileged, "privileged observation, which only the simulator knows"),
+        (policies.stacked, r"the last 4 frames \(frame_stack\)"),
+        (policies.continuous, "gaussian actions of 4 numbers"),
+        (lambda: BASELINES["pilot"], "Pilot is no trained network"),
+    ],
+)
+def test_what_cannot_be_exported_faithfully_is_refused_by_name(make: Callable[[], Any], reason: str, tmp_path: Path):
+    with pytest.raises(ExportError, match=reason):
+        export_policy(make(), tmp_path / "policy.onnx")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_network_that_acts_otherwise_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    class Otherwise(export.ExportedNetwork):
+        def forward(self, *given: torch.Tensor) -> tuple[torch.Tensor, ...]:
+            action, outputs, *rest = super().forward(*given)
+            return 2 - action, -outputs, *rest
+
+    monkeypatch.setattr(export, "ExportedNetwork", Otherwise)
+    with pytest.raises(ExportError, match="differs from the policy by"):
+        export_policy(policies.of_images("mask"), tmp_path / "policy.onnx")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_missing_is_named(tmp_path: Path):
+    export_policy(policies.of_images("rgb+mask"), tmp_path / "policy.onnx")
+    with pytest.raises(ExportError, match="takes mask, which was not given"):
+        OnnxPolicy.load(tmp_path / "policy.onnx").player()(image=np.zeros((1, 128, 128, 3), np.uint8))
+
+
+@pytest.mark.parametrize("content", [b"", b"not a model"])
+def test_another_file_is_refused(content: bytes, tmp_path: Path):
+    path = tmp_path / "policy.onnx"
+    path.write_bytes(content)
+    with pytest.raises(ExportError, match="is no policy that thalweg export wrote"):
+        OnnxPolicy.load(path)

@@ -1,0 +1,89 @@
+"""Tests of policies over videos."""
+
+from pathlib import Path
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+from tests.deploy import policies
+from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.cli.main import main
+from thalweg.datasets.video import read_video, write_video
+from thalweg.deploy.errors import ExportError
+from thalweg.deploy.follow import WATER_RGB, Follower, cut_to, follow, overlay, read_steps
+from thalweg.encoder.water import load_segmenter, mean_iou, water_in
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.render import Camera, Look, Renderer
+from thalweg.train import load_policy
+from thalweg.world import World
+
+
+def test_the_middle_of_a_frame_is_cut_to_the_shape_of_the_camera():
+    frame = np.zeros((60, 100, 3), np.uint8)
+    frame[:, 20:80] = np.arange(60)[None, :, None]
+    found = cut_to(frame, (30, 30))
+    assert found.shape == (30, 30, 3)
+    np.testing.assert_allclose(found[7, :, 0], np.arange(30) * 2 + 0.5, atol=0.5)
+
+
+def test_frames_that_are_a_step_apart_are_read(tmp_path: Path):
+    frames = np.repeat(np.arange(24, dtype=np.uint8)[:, None, None, None] * 10, 64, 1).repeat(64, 2).repeat(3, 3)
+    write_video(tmp_path / "fast.mp4", frames, 12)
+    found = [float(frame.mean()) for frame in read_steps(tmp_path / "fast.mp4", 0.25)]
+    np.testing.assert_allclose(found, np.arange(0, 24, 3) * 10, atol=3)
+
+
+def test_a_policy_sees_the_frames_with_the_water_that_is_found_and_chooses_as_it_would(tmp_path: Path):
+    frames = np.random.default_rng(0).integers(256, size=(4, 128, 128, 3), dtype=np.uint8)
+    write_video(tmp_path / "in.mp4", frames, 4)
+    policy, segmenter = load_policy(PACKAGED_POLICY), load_segmenter()
+    taken = follow(tmp_path / "in.mp4", tmp_path / "out.mp4", Follower(policy, segmenter), "packaged")
+    player = policy.player(1, deterministic=True)
+    for step, frame in enumerate(read_video(tmp_path / "in.mp4")):
+        mask = water_in(segmenter, frame[None])[..., None].astype(np.uint8) * 255
+        wanted = player(np.concatenate([frame[None], mask], axis=-1), np.array([step == 0]))
+        np.testing.assert_array_equal(taken[step], wanted[0])
+    assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "out.mp4")) == (4, 1.0)
+
+
+def test_a_policy_of_colours_alone_needs_no_segmenter():
+    follower = Follower(policies.of_images("rgb"))
+    colours, options, mask = follower(np.zeros((90, 160, 3), np.uint8))
+    assert colours.shape == (128, 128, 3) and options.shape == (4,) and mask is None
+
+
+def test_what_a_video_does_not_have_is_refused():
+    with pytest.raises(ExportError, match=r"sees rgb\+mask: finding the water in a video needs a segmenter"):
+        Follower(policies.of_images("rgb+mask"))
+    with pytest.raises(ExportError, match="takes proprioception, which a video does not have"):
+        Follower(policies.of_codes("default", felt=True)[0], load_segmenter())
+
+
+def test_the_overlay_shades_the_water_that_was_found():
+    colours = np.zeros((128, 128, 3), np.uint8)
+    mask = np.zeros((128, 128), np.uint8)
+    mask[64:] = 255
+    dry, wet = (overlay(colours, np.ones(4, int), each, "mine", 1) for each in (np.zeros_like(mask), mask))
+    changed = (dry != wet).any(axis=-1)
+    assert changed[16 + 192 : 16 + 384, 16 : 16 + 384].mean() > 0.98 and not changed[16 : 16 + 180, 16 : 16 + 384].any()
+    np.testing.assert_allclose(wet[16 + 300, 100], 0.45 * np.array(WATER_RGB), atol=1)
+
+
+def test_the_packaged_finder_finds_water_in_a_look_and_a_river_of_its_own(easy_world: World):
+    env = RiverVectorEnv([easy_world], 12, EnvConfig(observation="none"))
+    env.reset(seed=11)
+    camera, look = Camera(256, 256, fov_deg=75.0, pitch_deg=26.0), Look(haze=3.0, warmth=0.3, exposure_ev=0.3)
+    frames = Renderer([easy_world], camera).render(env.state.pose, look=look)
+    found = water_in(load_segmenter(), frames[..., :3])
+    assert mean_iou(found, frames[..., 3] > 0) > 0.6
+
+
+def test_another_file_is_refused_and_nothing_is_written(tmp_path: Path, capsys: pytest.CaptureFixture):
+    (tmp_path / "in.mp4").write_bytes(b"no video")
+    out = tmp_path / "out.mp4"
+    assert main(["follow", str(tmp_path / "in.mp4"), "--out", str(out)]) == 2
+    assert "cannot be read as a video" in capsys.readouterr().err
+    assert main(["follow", str(tmp_path / "missing.mp4"), "--out", str(out)]) == 2
+    assert "missing.mp4" in capsys.readouterr().err
+    assert not out.exists()

@@ -1,0 +1,117 @@
+"""Tests of behaviour cloning: what is drawn of recordings, that it is learnt, and what is refused."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.datasets import episodes
+from thalweg.algos.policy.vision import NO_OPTION
+from thalweg.cli.main import main
+from thalweg.core import versions
+from thalweg.datasets.episode import About, RecordedEpisode
+from thalweg.datasets.errors import DatasetError
+from thalweg.datasets.recordings import recording
+from thalweg.env.pilot.steady import MOVES
+from thalweg.train import load_policy
+from thalweg.train.errors import TrainingError
+from thalweg.train.imitation.cloning import Cloning
+from thalweg.train.imitation.recorded_flights import RecordedFlights
+from thalweg.train.imitation.teachers import OPTIONS
+
+CAMERA = {"height_px": 128, "width_px": 128, "fov_deg": 60.0, "pitch_deg": 20.0}
+ABOUT = replace(episodes.ABOUT, camera=CAMERA, versions={"RENDER": versions.RENDER}, layers=("mask",))
+SMALL = {"filters": [4, 8], "features": 16, "memory_size": 0, "hidden": [16], "sequence": 4, "mirrored": 0.0}
+
+
+def flight(steps: int, seed: int = 0, **changes: Any) -> RecordedEpisode:
+    """A flight in which the brightness of a frame tells whether to turn left or right."""
+    made = episodes.flight(steps, seed)
+    options = np.ones((steps, 4), np.int64)
+    options[:, 1] = np.where(np.random.default_rng(seed).random(steps) < 0.5, 0, 2)
+    rgb = np.full((steps + 1, 128, 128, 3), 60, np.uint8)
+    rgb[:-1][options[:, 1] == 0] = 200
+    mask = np.zeros((steps + 1, 128, 128), np.uint8)
+    return replace(made, rgb=rgb, mask=mask, depth_m=None, class_id=None, options=options, **changes)
+
+
+def recorded(folder: Path, *flights: RecordedEpisode, about: About = ABOUT) -> Path:
+    with recording(folder, "lerobot", about) as writer:
+        for each in flights:
+            writer.add(each)
+    return folder
+
+
+def test_sequences_are_the_recorded_steps_with_the_action_before_each(tmp_path: Path):
+    first, second = flight(5), flight(4, seed=1)
+    stream = RecordedFlights([recorded(tmp_path / "a", first, second)], "rgb+mask")
+    assert stream.count == 2 and stream.first.tolist() == [True] + 4 * [False] + [True] + 3 * [False]
+    images, sequences = stream.draw(9, 1, np.random.default_rng(0))
+    assert first.options is not None and second.options is not None
+    np.testing.assert_array_equal(images[:, 0, ..., :3], np.concatenate([first.rgb[:5], second.rgb[:4]]))
+    wanted = np.concatenate([first.options, second.options])
+    best = sequences.worths[:, 0].argmax(axis=1)
+    np.testing.assert_array_equal(OPTIONS[best], wanted)
+    last = sequences.last[:, 0]
+    assert (last[[0, 5]] == NO_OPTION).all()
+    np.testing.assert_array_equal(last[1:5], wanted[0:4])
+    assert sequences.worths.shape == (9, 1, len(MOVES))
+
+
+def test_what_was_flown_is_learnt_and_an_interrupted_run_ends_the_same(tmp_path: Path):
+    folder = recorded(tmp_path / "flights", flight(40), flight(30, seed=1))
+
+    def clone(name: str) -> Any:
+        settings = {**SMALL, "learning_rate": 3e-3}
+        Cloning(tmp_path / name, [folder], steps=6000, sequences=16, settings=settings, threads=1).run()
+        return load_policy(tmp_path / name)
+
+    policy = clone("run")
+    shown = flight(20, seed=7)
+    assert shown.options is not None and shown.mask is not None
+    player = policy.player(1, deterministic=True)
+    found = [
+        player(np.concatenate([rgb, mask[..., None]], axis=-1)[None], np.array([step == 0]))[0]
+        for step, (rgb, mask) in enumerate(zip(shown.rgb[:-1], shown.mask[:-1], strict=True))
+    ]
+    np.testing.assert_array_equal(found, shown.options)
+    assert policy.about.algorithm == "BC" and policy.about.context["recorded_steps"] == 70
+
+
+@pytest.mark.parametrize(
+    ("about", "changes", "error"),
+    [
+        ({"camera": {**CAMERA, "fov_deg": 80.0}}, {}, "fov_deg 80.0; students see fov_deg 60.0"),
+        ({"versions": {"RENDER": 1}}, {}, "has frames of version 1"),
+        ({"layers": ()}, {"mask": None}, "has no water masks"),
+        ({}, {"options": None}, "has continuous actions"),
+        ({}, {"options_of_flight": {"vehicle": "asv"}}, "flights of the vehicle asv"),
+        ({}, {"task": "Swimmers"}, "the task Swimmers with fast steps"),
+    ],
+)
+def test_recordings_that_do_not_fit_are_refused_by_name(
+    about: dict[str, Any], changes: dict[str, Any], error: str, tmp_path: Path
+):
+    folder = recorded(tmp_path / "odd", replace(flight(5), **changes), about=replace(ABOUT, **about))
+    with pytest.raises(TrainingError, match="odd") as raised:
+        Cloning(tmp_path / "run", [folder], steps=10, settings=SMALL).run()
+    assert error in str(raised.value)
+    assert not (tmp_path / "run").exists()
+
+
+def test_too_few_steps_and_predictions_are_refused(tmp_path: Path):
+    folder = recorded(tmp_path / "short", flight(3))
+    with pytest.raises(TrainingError, match="have 3 steps; a sequence has 4"):
+        Cloning(tmp_path / "run", [folder], steps=10, settings=SMALL).run()
+    with pytest.raises(TrainingError, match="auxiliary_weight must be 0"):
+        Cloning(tmp_path / "run", [folder], steps=10, settings={"auxiliary_weight": 0.3}).run()
+    with pytest.raises(DatasetError, match="holds no data set"):
+        Cloning(tmp_path / "run", [tmp_path], steps=10).run()
+
+
+def test_the_command_refuses_options_of_flights(tmp_path: Path, capsys: pytest.CaptureFixture):
+    options = ["--recordings", str(tmp_path), "--out", str(tmp_path / "run")]
+    assert main(["imitate", *options, "--levels", "Easy"]) == 2
+    assert "--levels does not go with --recordings, where nothing is flown" in capsys.readouterr().err

@@ -1,0 +1,43 @@
+"""`thalweg export`: a policy as one ONNX file, which runs without Python."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from thalweg.cli.flight_options import policy_name
+from thalweg.cli.options import check_file
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a policy as one ONNX file: encoder, memory, preprocessing and the choice of actions."""
+
+    policy: Positional[str] = "packaged"
+    """A run's folder, a policy file, or `packaged`."""
+    out: Path = Path("policy.onnx")
+    """File to write, .onnx; an existing one is replaced."""
+    encoder: str | None = None
+    """Encoder's file, the folder of its training or a packaged one; by default that of the policy's training."""
+
+    def run(self) -> int:
+        from thalweg.bench.execute.backend import PACKAGED_POLICY
+        from thalweg.bench.suite.config import PACKAGED
+        from thalweg.cli.evaluate import load_named_policy
+        from thalweg.deploy.export import export_policy
+        from thalweg.train.river import load_compatible_encoder
+        from thalweg.train.run_in_folder import policy_file
+
+        check_file("--out", self.out, ".onnx")
+        policy = load_named_policy(self.policy)
+        encoder = None if self.encoder is None else load_compatible_encoder(self.encoder)
+        path = PACKAGED_POLICY if self.policy == PACKAGED else Path(self.policy)
+        source = policy_file(path) if path.exists() else None
+        about = export_policy(policy, self.out, encoder=encoder, source=source, name=policy_name(self.policy))
+        camera = about["camera"]
+        print(
+            f"{self.out}: {self.out.stat().st_size / 1e6:.1f} MB; takes {', '.join(about['inputs'])} of"
+            f" {camera['height_px']} x {camera['width_px']} pixels, {camera['fov_deg']:g} degrees;"
+            " acts as the policy does"
+        )
+        return 0

@@ -1,0 +1,80 @@
+"""Options of a flight that is flown for a command: by a policy, a pilot, or as it was saved."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from tyro.conf import Positional
+
+from thalweg.cli.flight_options import ChosenFlight, policy_name
+from thalweg.cli.options import NO_FILE, UsageError
+
+SAVED = ".npz"
+"""Ending of flights that `thalweg fly` saved."""
+
+
+@dataclass(frozen=True)
+class FlownFlight(ChosenFlight):
+    """A flight, and who flies it."""
+
+    flight: Positional[str] = "packaged"
+    """A run's folder, a policy file, `packaged`, `pilot`, `steady`, `hover`, or a saved flight, an .npz file."""
+
+    @property
+    def saved(self) -> bool:
+        """Whether the flight is one that was saved."""
+        return Path(self.flight).suffix == SAVED
+
+    def cockpit(self, size_px: int, folder: Path) -> Any:
+        """Return the cockpit of the flight, which is at its start; `folder` is where it would save flights."""
+        return self._repeated(size_px, folder) if self.saved else next(self.cockpits(size_px, folder, [{}]))
+
+    def cockpits(self, size_px: int, folder: Path, changes: Any) -> Any:
+        """Yield the cockpit at the start of each flight, whose options differ by `changes`, of one policy."""
+        from thalweg.viewer.flight.cockpit import Cockpit
+        from thalweg.viewer.flight.flyers import PILOTS
+        from thalweg.viewer.flight.recording import Folder
+
+        rivers, options = self.chosen(size_px)
+        name = policy_name(self.flight)
+        policies = {} if self.flight in PILOTS else {name: _holding(_loaded(self.flight))}
+        cockpit = Cockpit(policies, Folder(folder), name)
+        for change in changes:
+            flown = replace(options, **change)
+            cockpit.start(rivers.world(flown.level, flown.world_seed), flown)
+            yield cockpit
+
+    def _repeated(self, size_px: int, folder: Path) -> Any:
+        """Return a cockpit in which a saved flight is repeated; raises `UsageError` for options beside it."""
+        from thalweg.viewer.flight.cockpit import Cockpit
+        from thalweg.viewer.flight.recording import Folder, read_recording
+        from thalweg.viewer.flight.rivers import Rivers
+
+        free = ("river", "world_seed", "quality")
+        for field in fields(ChosenFlight):
+            if field.name not in free and getattr(self, field.name) != field.default:
+                option = f"--{field.name.replace('_', '-')}"
+                raise UsageError(f"{option} does not go with {self.flight}, a flight with options of its own")
+        recording = read_recording(Path(self.flight))
+        options = replace(recording.options, size_px=size_px, quality=self.quality)
+        rivers = Rivers(self.river.reach("--level", None) if self.river != NO_FILE else None)
+        cockpit = Cockpit({}, Folder(folder))
+        cockpit.repeat(rivers.world(options.level, options.world_seed), replace(recording, options=options))
+        return cockpit
+
+
+def _loaded(name: str) -> Any:
+    from thalweg.cli.evaluate import load_named_policy
+
+    return load_named_policy(name)
+
+
+def _holding(policy: Any) -> Callable[[], Any]:
+    """Return a function that returns a policy."""
+    return partial(_given, policy)
+
+
+def _given(policy: Any) -> Any:
+    return policy

@@ -1,0 +1,36 @@
+"""`thalweg follow`: a policy over a video, as an overlay."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from thalweg.cli.flight_options import policy_name
+from thalweg.cli.options import UsageError, check_file
+
+
+@dataclass(frozen=True)
+class Follow:
+    """Fly a policy over a video: the water that is found in it, what the policy sees, and what it would do."""
+
+    video: Positional[Path]
+    """Video to read; about four frames a second are looked at, the policy's steps."""
+    policy: str = "packaged"
+    """A run's folder, a policy file, or `packaged`."""
+    segmenter: Path | None = None
+    """File of a finder of water, `encoder train --target water`; by default that of the package."""
+    out: Path = Path("overlay.mp4")
+    """Film to write, .mp4; an existing one is replaced."""
+
+    def run(self) -> int:
+        from thalweg.cli.evaluate import load_named_policy
+        from thalweg.deploy.follow import Follower, follow
+        from thalweg.encoder.water import PACKAGED_WATER, load_segmenter
+
+        check_file("--out", self.out, ".mp4")
+        if self.out.exists() and self.video.exists() and self.out.samefile(self.video):
+            raise UsageError(f"--out {self.out} is the video itself: name another file")
+        follower = Follower(load_named_policy(self.policy), load_segmenter(self.segmenter or PACKAGED_WATER))
+        taken = follow(self.video, self.out, follower, policy_name(self.policy))
+        print(f"{self.out}: {len(taken)} steps of {policy_name(self.policy)} over {self.video.name}")
+        return 0

@@ -1,0 +1,1 @@
+"""Recorded flights as standard data sets: what a recording holds, and its files, those of Minari and LeRobot."""

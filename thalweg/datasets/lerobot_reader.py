@@ -1,0 +1,101 @@
+"""Reading of LeRobot's data sets that Thalweg recorded."""
+
+import io
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from thalweg.datasets import lerobot_layout as layout
+from thalweg.datasets.episode import About, RecordedEpisode
+from thalweg.datasets.errors import DatasetError
+from thalweg.datasets.video import read_video
+
+
+def is_lerobot(folder: Path) -> bool:
+    """Return whether a folder holds a data set of LeRobot."""
+    return (folder / layout.INFO).is_file()
+
+
+def read_lerobot(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
+    """Return what a data set says of itself, and its flights, in which what was seen after the last step is what was
+    seen before it.
+
+    Raises `DatasetError` for a data set that was not recorded by Thalweg, is of another version, or cannot be read.
+    """
+    if not (folder / layout.ABOUT).is_file():
+        raise DatasetError(f"{folder} is a data set of LeRobot, but was not recorded by Thalweg")
+    try:
+        told = json.loads((folder / layout.ABOUT).read_text(encoding="utf-8"))
+        info = json.loads((folder / layout.INFO).read_text(encoding="utf-8"))
+        version, form = info["codebase_version"], told["format"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise DatasetError(f"{folder} cannot be read as a data set of LeRobot: {error}") from error
+    if (version, form) != (layout.CODEBASE_VERSION, layout.FORMAT):
+        raise DatasetError(
+            f"{folder} is of LeRobot's version {version} and Thalweg's format {form}; this version reads"
+            f" {layout.CODEBASE_VERSION} and {layout.FORMAT}"
+        )
+    about = About.from_plain(told["about"], folder)
+    return about, (_read_episode(folder, number, flight, about) for number, flight in enumerate(told["flights"]))
+
+
+def _read_episode(folder: Path, number: int, flight: dict[str, Any], about: About) -> RecordedEpisode:
+    import pyarrow
+    import pyarrow.parquet
+
+    path = folder / layout.DATA_PATH.format(**layout.place(number))
+    try:
+        table = pyarrow.parquet.read_table(path)
+    except (OSError, pyarrow.ArrowException) as error:
+        raise DatasetError(f"{path} cannot be read: {error}") from error
+
+    def column(name: str, *shape: int) -> np.ndarray:
+        chunks = table[name].combine_chunks()
+        for _ in shape:
+            chunks = chunks.flatten()
+        return chunks.to_numpy(zero_copy_only=False).reshape(len(table), *shape)
+
+    def pictures(name: str) -> np.ndarray | None:
+        if name not in table.column_names:
+            return None
+        rows = table[name].to_pylist()
+        return _again(np.stack([np.asarray(Image.open(io.BytesIO(row["bytes"]))) for row in rows]))
+
+    rgb = pictures(layout.CAMERA)
+    if rgb is None:
+        video = folder / layout.VIDEO_PATH.format(video_key=layout.CAMERA, **layout.place(number))
+        rgb = _again(np.stack(list(read_video(video))))
+    depth_shape = rgb.shape[1:3]
+    actions = len(layout.ACTION_NAMES)
+    return RecordedEpisode(
+        rgb=rgb,
+        mask=pictures("mask"),
+        depth_m=_again(column("depth", *depth_shape)) if "depth" in table.column_names else None,
+        class_id=pictures("class"),
+        proprioception=_with(column(layout.STATE, len(about.proprioception)), flight["end_state"]),
+        poses=_with(column("pose", len(layout.POSE_NAMES)), flight["end_pose"]),
+        times_s=_with(column("clock_s"), flight["end_clock_s"]),
+        moves=column("action", actions),
+        options=column("option", actions) if "option" in table.column_names else None,
+        rewards=column("next.reward").astype(np.float64),
+        costs=column("next.cost", len(about.cost_kinds)).astype(np.float64),
+        terminated=flight["terminated"],
+        reason=int(column("next.reason")[-1]),
+        pilots=tuple(table["pilot"].to_pylist()),
+        task=flight["task"],
+        options_of_flight=flight["options"],
+    )
+
+
+def _again(values: np.ndarray) -> np.ndarray:
+    """Return values [T, ...] with the last one twice [T + 1, ...]."""
+    return np.concatenate([values, values[-1:]])
+
+
+def _with(values: np.ndarray, end: Any) -> np.ndarray:
+    """Return values [T, ...] and one after them [T + 1, ...]."""
+    return np.concatenate([values, np.asarray(end, values.dtype)[None]])

@@ -1,0 +1,275 @@
+"""Export of a policy to one ONNX file: encoder, memory, preprocessing and the choice of actions.
+
+An export is compared with the policy itself on random sights before it is written.
+"""
+
+import json
+import logging
+import warnings
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from thalweg.algos.policy.policy import Policy
+from thalweg.core import versions
+from thalweg.core.atomic_io import atomic_path
+from thalweg.core.cache import file_hash
+from thalweg.core.compute.torch_threads import torch_threads
+from thalweg.deploy.errors import ExportError
+from thalweg.deploy.network import ExportedNetwork
+from thalweg.deploy.onnx_policy import KEY, OnnxPolicy
+from thalweg.encoder import Encoder, PluginEncoder
+from thalweg.env.config import DEFAULT_CONFIG
+from thalweg.env.spaces import BRANCHES
+from thalweg.env.task.proprioception import PROPRIOCEPTION
+from thalweg.render import Camera
+from thalweg.train.encoder_of_run import context_of, encoder_of
+from thalweg.train.observations import IMAGES, PRIVILEGED, feels, observation_of
+from thalweg.train.river import load_compatible_encoder
+
+FORMAT = 1
+"""Version of what a file says of itself."""
+OPTIONS = (
+    ("up", "none", "down"),
+    ("turn left", "none", "turn right"),
+    ("forward", "none", "backward"),
+    ("left", "none", "right"),
+)
+"""What each option of each branch does; in a task with a fast step, `backward` is a fast step forward."""
+OPSET = 18
+CHECKED_STEPS, CHECKED_FLIGHTS = 6, 3
+TOLERANCE = 1e-4
+"""Greatest difference of the network's outputs, as a share of the greatest output or of 1; encoders of two machines
+differ by as much."""
+
+
+@dataclass(frozen=True)
+class Exportable:
+    """A policy that can be exported, with its encoder, if it has one."""
+
+    policy: Policy
+    encoder: Encoder | None
+    sees: str
+    """`rgb+mask`, `rgb` or `mask`."""
+    inputs: tuple[str, ...]
+    """Names of the inputs, see `ExportedNetwork`."""
+
+    @classmethod
+    def of(cls, policy: Any, encoder: Encoder | None = None) -> "Exportable":
+        """Check that a policy can be exported faithfully; `encoder` is by default that of its training.
+
+        Raises `ExportError`, which says what stands against it, and the errors of its encoder.
+        """
+        _check(policy)
+        seen = observation_of(policy)
+        if seen not in IMAGES:
+            encoder = encoder or load_compatible_encoder(encoder_of(policy))
+            if isinstance(encoder, PluginEncoder):
+                raise ExportError(
+                    f"the policy sees through the encoder {encoder.identity} of a plug-in, whose code cannot be put"
+                    " into a file: only encoders that thalweg encoder train wrote can be exported"
+                )
+            seen = encoder.inputs
+        else:
+            encoder = None
+        inputs = [{"rgb": "image", "mask": "mask"}[part] for part in seen.split("+")]
+        if feels(policy):
+            inputs.append("proprioception")
+        if policy.shape.memory or policy.shape.eyes is not None:
+            inputs.append("fresh")
+        if policy.shape.memory:
+            inputs.append("memory")
+        if policy.shape.eyes is not None:
+            inputs.append("last_action")
+        return cls(policy, encoder, seen, tuple(inputs))
+
+    @property
+    def camera(self) -> Camera:
+        """The camera that the policy was trained with."""
+        told = context_of(self.policy).get("env", {}).get("camera")
+        camera = Camera(**told) if isinstance(told, Mapping) else DEFAULT_CONFIG.camera
+        if self.encoder is not None:
+            return Camera(**{**asdict(camera), **dict.fromkeys(("height_px", "width_px"), self.encoder.config.size_px)})
+        assert self.policy.shape.eyes is not None
+        height, width, _ = self.policy.shape.eyes.image
+        return Camera(**{**asdict(camera), "height_px": height, "width_px": width})
+
+    def examples(self, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+        """Return random inputs of `count` vehicles, some of which begin a flight."""
+        camera, policy = self.camera, self.policy
+        size = count, camera.height_px, camera.width_px
+        every: dict[str, Any] = {
+            "image": rng.integers(256, size=(*size, 3), dtype=np.uint8),
+            "mask": rng.integers(2, size=size, dtype=np.uint8) * 255,
+            "proprioception": rng.normal(size=(count, len(PROPRIOCEPTION))).astype(np.float32),
+            "fresh": np.arange(count) % 2 == 0,
+            "memory": rng.normal(size=(count, policy.shape.memory)).astype(np.float32),
+            "last_action": rng.integers(-1, 3, size=(count, policy.actions.count)),
+        }
+        return {name: every[name] for name in self.inputs}
+
+
+def _check(policy: Any) -> None:
+    """Raise `ExportError` for a policy that cannot be exported faithfully."""
+    if not isinstance(policy, Policy):
+        name = getattr(getattr(policy, "about", None), "algorithm", "") or type(policy).__name__
+        what = "is a planner, which searches with a model" if hasattr(policy, "about") else "is no trained network"
+        raise ExportError(f"{name} {what}: only networks can be exported")
+    if observation_of(policy) == PRIVILEGED:
+        raise ExportError(
+            "the policy sees the privileged observation, which only the simulator knows: export one that sees frames"
+        )
+    if policy.frames > 1:
+        raise ExportError(
+            f"the policy sees the last {policy.frames} frames (frame_stack), which exports do not keep; train with"
+            " memory=gru, or with one frame"
+        )
+    if policy.actions.kind != "categorical" or policy.actions.count != len(BRANCHES):
+        raise ExportError(
+            f"the policy chooses {policy.actions.kind} actions of {policy.actions.count} numbers; exports are of"
+            " discrete ones with four branches"
+        )
+
+
+def export_policy(
+    policy: Any, path: Path, *, encoder: Encoder | None = None, source: Path | None = None, name: str = ""
+) -> dict[str, Any]:
+    """Write a policy as an ONNX file, and return what the file says of itself.
+
+    Args:
+        policy: The policy.
+        path: File to write, atomically.
+        encoder: Its encoder; by default that of its training.
+        source: The policy's file, whose hash the export keeps.
+        name: Name of the policy for people.
+
+    Raises `ExportError` for a policy that cannot be exported faithfully, also if the written network acts otherwise.
+    """
+    import onnx
+
+    chosen = Exportable.of(policy, encoder)
+    about = _about(chosen, source, name)
+    with atomic_path(path) as draft:
+        with torch_threads(1):
+            program = _program(chosen)
+        model = program.model_proto
+        onnx.helper.set_model_props(model, {KEY: json.dumps(about)})
+        model.producer_name, model.doc_string = "thalweg", "A policy that follows rivers, see its metadata."
+        onnx.checker.check_model(model)
+        onnx.save(model, str(draft))
+        _compare(chosen, OnnxPolicy.load(draft))
+    return about
+
+
+def _program(chosen: Exportable) -> Any:
+    """Return the exported network."""
+    network = ExportedNetwork(chosen.policy, chosen.encoder, chosen.inputs).eval().requires_grad_(False)
+    given = tuple(torch.from_numpy(array) for array in chosen.examples(2, np.random.default_rng(0)).values())
+    batch = torch.export.Dim("vehicles", min=1)
+    logger = logging.getLogger("torch.onnx")
+    before = logger.level
+    outputs = ["action", "outputs", *(["next_memory"] if "memory" in chosen.inputs else [])]
+    with warnings.catch_warnings():  # the exporter warns of torchvision, and of its own parts
+        warnings.simplefilter("ignore")
+        logger.setLevel(logging.ERROR)
+        try:
+            program = torch.onnx.export(
+                network,
+                given,
+                input_names=list(chosen.inputs),
+                output_names=outputs,
+                dynamic_shapes={"given": tuple({0: batch} for _ in given)},
+                opset_version=OPSET,
+                dynamo=True,
+                verbose=False,
+            )
+        finally:
+            logger.setLevel(before)
+    assert program is not None
+    return program
+
+
+def _about(chosen: Exportable, source: Path | None, name: str) -> dict[str, Any]:
+    """Return what the file says of itself, as plain data."""
+    policy, camera = chosen.policy, chosen.camera
+    context = context_of(policy)
+    return {
+        "format": FORMAT,
+        "name": name,
+        "algorithm": policy.about.algorithm,
+        "policy_hash": None if source is None else file_hash(source),
+        "encoder": context.get("encoder"),
+        "sees": chosen.sees,
+        "inputs": list(chosen.inputs),
+        "camera": {**asdict(camera), "intrinsics": camera.intrinsics().tolist()},
+        "mask": "255 where water is seen, else 0",
+        "proprioception": list(PROPRIOCEPTION) if "proprioception" in chosen.inputs else [],
+        "memory": policy.shape.memory,
+        "actions": dict(zip(BRANCHES, map(list, OPTIONS), strict=True)),
+        "steps": {
+            "seconds": DEFAULT_CONFIG.step_s,
+            "vertical_m": DEFAULT_CONFIG.vertical_step_m,
+            "yaw_deg": DEFAULT_CONFIG.yaw_step_deg,
+            "forward_m": DEFAULT_CONFIG.forward_step_m,
+            "lateral_m": DEFAULT_CONFIG.lateral_step_m,
+        },
+        "chooses": "the most probable option of each branch",
+        "task": context.get("env", {}).get("task", "River"),
+        "render_version": context.get("render_version"),
+        "versions": {"thalweg": _version(), "torch": torch.__version__, "rules": versions.RULES},
+    }
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return version("thalweg")
+
+
+def _compare(chosen: Exportable, exported: OnnxPolicy) -> None:
+    """Raise `ExportError` if a file acts otherwise than its policy in short flights of random sights."""
+    rng = np.random.default_rng(1)
+    player = chosen.policy.player(CHECKED_FLIGHTS, deterministic=True)
+    flights = exported.player(CHECKED_FLIGHTS)
+    fresh = np.ones(CHECKED_FLIGHTS, bool)
+    for _ in range(CHECKED_STEPS):
+        given = chosen.examples(CHECKED_FLIGHTS, rng)
+        seen = {name: given[name] for name in ("image", "mask", "proprioception") if name in given}
+        wanted, found = player(_observed(chosen, seen), fresh), flights(**seen, fresh=fresh)
+        log_probs = player.log_probs()
+        assert log_probs is not None
+        apart = np.abs(_log_probs(flights.outputs, chosen.policy) - log_probs).max()
+        if apart > TOLERANCE * max(1.0, float(np.abs(log_probs).max())):
+            raise ExportError(f"the exported network differs from the policy by {apart:.2g}: nothing was written")
+        if not np.array_equal(wanted, found) and not _is_tie(log_probs, wanted, found):
+            raise ExportError("the exported network chooses other actions than the policy: nothing was written")
+        fresh = rng.random(CHECKED_FLIGHTS) < 0.2
+        if flights.last is not None:
+            player.correct(found)
+
+
+def _observed(chosen: Exportable, seen: dict[str, np.ndarray]) -> np.ndarray:
+    """Return what the policy takes of what is seen."""
+    parts = [seen["image"]] if "image" in seen else []
+    parts += [seen["mask"][..., None]] if "mask" in seen else []
+    frames = np.concatenate(parts, axis=-1)
+    if chosen.encoder is None:
+        return frames
+    codes = chosen.encoder(frames)
+    return np.concatenate([codes, seen["proprioception"]], axis=1) if "proprioception" in seen else codes
+
+
+def _log_probs(outputs: np.ndarray, policy: Policy) -> np.ndarray:
+    """Return the logarithmic probabilities [N, A, K] of outputs [N, A K] of a network."""
+    logits = torch.from_numpy(outputs) / policy.temperature
+    return policy.actions.distribution(logits).log_p.numpy()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _is_tie(log_probs: np.ndarray, one: np.ndarray, other: np.ndarray) -> bool:
+    """Return whether two choices [N, A] of options are as probable, within rounding."""
+    first, second = (np.take_along_axis(log_probs, each[..., None], -1) for each in (one, other))
+    return bool(np.abs(first - second).max() < TOLERANCE)

@@ -1,0 +1,91 @@
+"""Exported policies run by ONNX Runtime; PyTorch is not needed."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from thalweg.deploy.errors import ExportError
+
+KEY = "thalweg"
+"""Key of a file's metadata that holds what it says of itself."""
+NO_ACTION = -1
+"""Stands for the last option at the beginning of a flight."""
+
+
+class OnnxPolicy:
+    """A policy of an ONNX file that `thalweg export` wrote."""
+
+    def __init__(self, session: Any, about: dict[str, Any]) -> None:
+        self._session, self.about = session, about
+        self.inputs: list[str] = about["inputs"]
+        """Names of what it takes."""
+
+    @classmethod
+    def load(cls, path: str | Path, threads: int = 1) -> "OnnxPolicy":
+        """Return the policy of a file, on the CPU; raises `ExportError` for another file, and `OSError` for none."""
+        import onnxruntime
+
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
+        content = Path(path).read_bytes()
+        try:
+            session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+            about = json.loads(session.get_modelmeta().custom_metadata_map[KEY])
+        except Exception as error:  # ONNX Runtime raises classes of its own for each kind of damage
+            raise ExportError(f"{path} is no policy that thalweg export wrote") from error
+        return cls(session, about)
+
+    def run(self, given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return the outputs by name for inputs by name."""
+        names = [output.name for output in self._session.get_outputs()]
+        return dict(zip(names, self._session.run(names, given), strict=True))
+
+    def player(self, count: int = 1) -> "OnnxPlayer":
+        """Return a player of `count` vehicles, with their memories."""
+        return OnnxPlayer(self, count)
+
+
+class OnnxPlayer:
+    """An exported policy in N vehicles, with the memory of their flights."""
+
+    def __init__(self, policy: OnnxPolicy, count: int) -> None:
+        self.policy = policy
+        self._fresh = np.ones(count, bool)
+        self._memory = np.zeros((count, policy.about["memory"]), np.float32)
+        branches = len(policy.about["actions"])
+        self.last = np.full((count, branches), NO_ACTION) if "last_action" in policy.inputs else None
+        """[N, A] options that were taken last; None for a policy that does not look at them."""
+        self.outputs: np.ndarray = np.zeros((count, 0), np.float32)
+        """[N, P] the network's outputs for the last sights: logits of the options of all branches."""
+
+    def __call__(
+        self,
+        image: np.ndarray | None = None,
+        mask: np.ndarray | None = None,
+        proprioception: np.ndarray | None = None,
+        fresh: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Return the options int64 [N, A] of the next move.
+
+        Args:
+            image: uint8 [N, H, W, 3], sRGB.
+            mask: uint8 [N, H, W], 255 where water is seen.
+            proprioception: float32 [N, P], see `thalweg.env.task.proprioception`.
+            fresh: bool [N], whether a flight begins; by default at the first call.
+
+        What the policy does not take is left out. Raises `ExportError` where something that it takes is missing.
+        """
+        seen = {"image": image, "mask": mask, "proprioception": proprioception}
+        state = {"memory": self._memory, "last_action": self.last, "fresh": self._fresh if fresh is None else fresh}
+        given = {name: {**seen, **state}[name] for name in self.policy.inputs}
+        if missing := [name for name, value in given.items() if value is None]:
+            raise ExportError(f"the policy takes {', '.join(missing)}, which was not given")
+        found = self.policy.run(given)  # pyright: ignore[reportArgumentType]
+        self.outputs = found["outputs"]
+        self._memory = found.get("next_memory", self._memory)
+        if self.last is not None:
+            self.last = found["action"]
+        self._fresh = np.zeros_like(self._fresh)
+        return found["action"]

@@ -1,0 +1,100 @@
+"""U-Net that finds water in colours, and its file.
+
+The network is a U-Net [Ronneberger et al. 2015, https://arxiv.org/abs/1505.04597] on blocks of 2 x 2 pixels: water
+mirrors sky and trees, so what a pixel is can only be told from far around it.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, write_tensors
+from thalweg.encoder.reconstruction import CHUNK
+from thalweg.encoder.vae import EncoderInputError
+
+BLOCK = 2
+"""Side in pixels of the blocks that are the network's first layer."""
+WIDTHS = (24, 48, 64, 96)
+"""Channels, from blocks of 2 x 2 pixels to those of 16 x 16."""
+SIDES = BLOCK * 2 ** (len(WIDTHS) - 1)
+"""The sides of an image must be multiples of this number of pixels."""
+KIND = "finder of water"
+PACKAGED_WATER = Path(__file__).with_name("water.safetensors")
+"""The network that comes with the package, which was trained on frames under all looks."""
+
+
+class WaterSegmenter(nn.Module):
+    """U-Net from colours to a logit of water for each pixel; an image's sides are multiples of `SIDES`."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        pairs = list(zip((3 * BLOCK**2, *WIDTHS), WIDTHS, strict=False))
+        self.down = nn.ModuleList([_block(before, after) for before, after in pairs])
+        self.up = nn.ModuleList([_block(near + far, near) for near, far in pairs[:0:-1]])
+        self.last = nn.Conv2d(WIDTHS[0], BLOCK**2, 1)
+
+    def forward(self, colours: Tensor) -> Tensor:
+        """Return logits [N, H, W] of colours [N, 3, H, W] in 0..1."""
+        here = nn.functional.pixel_unshuffle(colours - 0.5, BLOCK)
+        skips: list[Tensor] = []
+        for block in self.down:
+            here = block(nn.functional.max_pool2d(here, 2) if skips else here)
+            skips.append(here)
+        for block, near in zip(self.up, skips[-2::-1], strict=True):
+            here = block(torch.cat([nn.functional.interpolate(here, scale_factor=2), near], 1))
+        return nn.functional.pixel_shuffle(self.last(here), BLOCK).squeeze(1)
+
+
+def _block(before: int, after: int) -> nn.Sequential:
+    layers: list[nn.Module] = []
+    for channels in (before, after):
+        layers += [nn.Conv2d(channels, after, 3, padding=1, bias=False), nn.BatchNorm2d(after), nn.ReLU()]
+    return nn.Sequential(*layers)
+
+
+def save_segmenter(path: Path, segmenter: WaterSegmenter, about: dict[str, Any] | None = None) -> None:
+    """Write a segmenter to a file, atomically, in half precision if `about` says how it was trained."""
+    tensors = segmenter.state_dict()
+    if about is not None:
+        tensors = {name: value.half() if value.is_floating_point() else value for name, value in tensors.items()}
+    write_tensors(path, tensors, {"kind": KIND, "format": FORMAT, **(about or {})})
+
+
+def load_segmenter(path: Path = PACKAGED_WATER) -> WaterSegmenter:
+    """Return the segmenter of a file; raises `EncoderFileError` for any other file."""
+    segmenter = WaterSegmenter()
+    try:
+        tensors = read_tensors(path, KIND)[0]
+        segmenter.load_state_dict(
+            {name: value.float() if value.is_floating_point() else value for name, value in tensors.items()}
+        )
+    except RuntimeError as error:
+        raise EncoderFileError(f"{path}: another network's tensors ({error})") from error
+    return segmenter.eval()
+
+
+@torch.inference_mode()
+def water_in(segmenter: WaterSegmenter, colours: np.ndarray) -> np.ndarray:
+    """Return the water mask bool [K, H, W] of colours [K, H, W, 3], uint8 or 0..1."""
+    predictions = [
+        (segmenter(colours_of(colours[start : start + CHUNK])) > 0).numpy() for start in range(0, len(colours), CHUNK)
+    ]
+    return np.concatenate(predictions)
+
+
+def mean_iou(found: np.ndarray, truth: np.ndarray) -> float:
+    """Return the mean over images of the IoU of two masks, bool [K, H, W]; raises `EncoderInputError` for others."""
+    if found.shape != truth.shape or found.ndim != 3 or found.dtype != bool or truth.dtype != bool:
+        kinds = " and ".join(f"{mask.dtype} {list(mask.shape)}" for mask in (found, truth))
+        raise EncoderInputError(f"masks must be bool [K, H, W], both, not {kinds}")
+    both, either = (found & truth).sum((1, 2)), (found | truth).sum((1, 2))
+    return float(np.where(either > 0, both / np.maximum(either, 1), 1.0).mean())
+
+
+def colours_of(images: np.ndarray) -> Tensor:
+    """Return [N, 3, H, W] in 0..1 of images [N, H, W, 3 or more], uint8 or 0..1."""
+    colours = torch.from_numpy(np.ascontiguousarray(images[..., :3])).permute(0, 3, 1, 2)
+    return colours.float() / 255 if colours.dtype == torch.uint8 else colours.float()

@@ -1,0 +1,182 @@
+"""Training of the finder of water on frames of many rivers under all looks, drawn anew for each epoch.
+
+A frame is learnt from as it is, or mirrored, cut to a part of it, and with the colours of another camera, so that other
+lenses and sensors than those of the looks are met too.
+"""
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
+from thalweg.core.run_folder import FolderKind
+from thalweg.core.seeds import compact_seeds
+from thalweg.encoder.checkpoint import check_folder, restore_state, state_tensors
+from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, write_tensors
+from thalweg.encoder.training import Row, epoch_generator, progress_bar, write_rows
+from thalweg.encoder.vae import EncoderInputError
+from thalweg.encoder.water import WaterSegmenter, colours_of, mean_iou, save_segmenter, water_in
+from thalweg.render import RENDER_VERSION, Renderer
+from thalweg.render.records.randomisation import Randomisation
+from thalweg.train.encoder.frames import BATCH, clock_times, sample_poses
+from thalweg.world import load_or_build
+
+KIND, PREFIX, CHECKPOINT, FILE = "water training", "network.", "checkpoint.safetensors", "water.safetensors"
+WATER_FOLDER = FolderKind(KIND, CHECKPOINT, EncoderFileError)
+COLUMNS = ("epoch", "loss", "held_out_iou", "learning_rate", "images_per_s")
+BATCH_IMAGES, RATE, LEAST_RATE = 32, 2e-3, 0.02
+SMALLEST_CUT = 0.5
+"""Least side of a part that is cut out of a frame, as a share of the frame's."""
+GAIN, GAMMA = 0.25, 0.35
+"""Greatest change of the gain of each colour, and of the logarithm of gamma."""
+
+
+@dataclass(frozen=True)
+class WaterTraining:
+    """A training of the finder of water."""
+
+    folder: Path
+    """Folder of the training; an interrupted one is resumed."""
+    levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
+    world_seeds: Sequence[int] = tuple(range(1000, 1006))
+    """Seeds of the rivers of each level that are learnt from."""
+    held_out_seeds: Sequence[int] = tuple(range(3000, 3002))
+    """Seeds of the rivers of each level on which the finder is judged."""
+    images: int = 2048
+    """Frames that are drawn for an epoch."""
+    held_out: int = 384
+    """Frames on which it is judged."""
+    epochs: int = 12
+    seed: int = 0
+    command: str = ""
+    """The command, which the file keeps."""
+
+    def run(self, *, progress: bool = True) -> tuple[Path, float]:
+        """Train, or resume; returns the file, and the mean IoU of water in frames held out.
+
+        Raises `EncoderInputError` for numbers out of range, `EncoderFileError` for the folder of another training, and
+        `WorldError`.
+        """
+        for name in ("images", "held_out", "epochs"):
+            if getattr(self, name) < 1:
+                raise EncoderInputError(f"{name} must be at least 1, not {getattr(self, name)}")
+        if shared := set(self.world_seeds) & set(self.held_out_seeds):
+            raise EncoderInputError(f"held_out_seeds must be others than world_seeds, but {min(shared)} is in both")
+        run = self._identity()
+        check_folder(self.folder, WATER_FOLDER, run)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        state = _State(run)
+        rows = state.resume(self.folder / CHECKPOINT)
+        shown = Renderer([load_or_build(level, seed) for level in self.levels for seed in self.world_seeds])
+        judged = Renderer([load_or_build(level, seed) for level in self.levels for seed in self.held_out_seeds])
+        held_out = draw(judged, self.held_out, self.seed + 1_000_003)
+        threads = default_torch_threads()
+        with progress_bar(progress) as bar:
+            task = bar.add_task("training the finder of water", total=self.epochs, completed=len(rows), note="")
+            for epoch in range(len(rows), self.epochs):
+                frames = draw(shown, self.images, self.seed + 1000 * epoch)
+                with torch_threads(threads):
+                    rows.append(state.epoch(frames, held_out, epoch, self.epochs))
+                state.save(self.folder / CHECKPOINT, rows)
+                write_rows(self.folder / "metrics.csv", COLUMNS, rows)
+                bar.update(task, advance=1, note=f"IoU held out {rows[-1]['held_out_iou']:.3f}")
+        iou = float(rows[-1]["held_out_iou"] or 0.0)
+        about = {"run": run, "held_out_iou": iou, "render_version": RENDER_VERSION, "command": self.command}
+        about |= {"thalweg": version("thalweg"), "torch": torch.__version__}
+        save_segmenter(self.folder / FILE, state.network, about)
+        return self.folder / FILE, iou
+
+    def _identity(self) -> dict[str, Any]:
+        """Return what distinguishes the training from others."""
+        return {
+            "levels": list(self.levels),
+            "world_seeds": compact_seeds(self.world_seeds),
+            "held_out_seeds": compact_seeds(self.held_out_seeds),
+            "images": self.images,
+            "held_out": self.held_out,
+            "epochs": self.epochs,
+            "seed": self.seed,
+        }
+
+
+def draw(renderer: Renderer, count: int, seed: int) -> np.ndarray:
+    """Return frames uint8 [count, H, W, 4] of random starts in the renderer's rivers, each under a look of its own."""
+    worlds, rng = list(renderer.worlds), np.random.default_rng([seed, 3])
+    index = np.arange(count) % len(worlds)
+    poses, time_s = sample_poses(worlds, index, seed), clock_times(count, seed)
+    looks = np.array([Randomisation().draw(rng)[0] for _ in range(count)])
+    camera = renderer.camera
+    frames = np.empty((count, camera.height_px, camera.width_px, 4), np.uint8)
+    for start in range(0, count, BATCH):
+        rows = slice(start, start + BATCH)
+        frames[rows] = renderer.render(poses[rows], index[rows], time_s[rows], look=looks[rows])
+    return frames
+
+
+def varied(frames: np.ndarray, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+    """Return colours [N, 3, H, W] in 0..1 and water [N, H, W] of frames [N, H, W, 4], each changed at random: mirrored,
+    cut, and with other gains and gamma."""
+    count, height, width, _ = frames.shape
+    colours = colours_of(frames)
+    both = torch.cat([colours, torch.from_numpy(frames[:, None, ..., 3] > 127).float()], 1)
+    size = rng.uniform(SMALLEST_CUT, 1.0, count)
+    turned = np.where(rng.random(count) < 0.5, -1.0, 1.0)
+    across, down = ((1.0 - size) * rng.uniform(-1, 1, count) for _ in range(2))
+    theta = np.zeros((count, 2, 3), np.float32)
+    theta[:, 0, 0], theta[:, 0, 2], theta[:, 1, 1], theta[:, 1, 2] = size * turned, across, size, down
+    grid = nn.functional.affine_grid(torch.from_numpy(theta), [count, 4, height, width], align_corners=False)
+    cut = nn.functional.grid_sample(both, grid, padding_mode="border", align_corners=False)
+    gamma = torch.from_numpy(np.exp(rng.uniform(-GAMMA, GAMMA, (count, 1, 1, 1))).astype(np.float32))
+    gain = torch.from_numpy(rng.uniform(1 - GAIN, 1 + GAIN, (count, 3, 1, 1)).astype(np.float32))
+    return (cut[:, :3].clamp(0, 1) ** gamma * gain).clamp(0, 1), (cut[:, 3] > 0.5).float()
+
+
+class _State:
+    """Network and optimiser, with their checkpoints."""
+
+    def __init__(self, run: dict[str, Any]) -> None:
+        self.run = run
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(run["seed"])
+            self.network = WaterSegmenter()
+        self.optimizer = torch.optim.Adam(self.network.parameters(), RATE)
+
+    def epoch(self, frames: np.ndarray, held_out: np.ndarray, epoch: int, epochs: int) -> Row:
+        """Learn from frames; returns the row of the epoch, counted from 0, of `metrics.csv`."""
+        started, network = time.perf_counter(), self.network.train()
+        rate = RATE * max(LEAST_RATE, 0.5 * (1.0 + math.cos(math.pi * epoch / epochs)))
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        order = torch.randperm(len(frames), generator=epoch_generator(self.run["seed"], epoch)).numpy()
+        rng, total = np.random.default_rng([self.run["seed"], epoch, 4]), 0.0
+        for chosen in np.array_split(order, math.ceil(len(order) / BATCH_IMAGES)):
+            colours, water = varied(frames[chosen], rng)
+            loss = nn.functional.binary_cross_entropy_with_logits(network(colours), water)
+            self.optimizer.zero_grad(set_to_none=True)
+            loss.backward()
+            self.optimizer.step()
+            total += loss.item() * len(chosen)
+        speed = round(len(frames) / (time.perf_counter() - started), 1)
+        found = mean_iou(water_in(network.eval(), held_out), held_out[..., 3] > 127)
+        return dict(zip(COLUMNS, (epoch + 1, total / len(frames), found, rate, speed), strict=True))
+
+    def save(self, path: Path, rows: list[Row]) -> None:
+        """Write what the next epoch needs, and the rows so far."""
+        tensors = state_tensors(self.network, PREFIX, self.optimizer)
+        write_tensors(path, tensors, {"kind": KIND, "format": FORMAT, "run": self.run, "rows": rows})
+
+    def resume(self, path: Path) -> list[Row]:
+        """Restore what `save` wrote, and return its rows; none without a file."""
+        if not path.exists():
+            return []
+        tensors, about = read_tensors(path, KIND)
+        restore_state(path, tensors, self.network, PREFIX, self.optimizer)
+        return about["rows"]

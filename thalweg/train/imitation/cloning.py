@@ -1,0 +1,198 @@
+"""`Cloning`: behaviour cloning of recorded flights into a policy that sees frames; nothing is flown.
+
+The student is that of an imitation. Of each recorded step the move that was made is the best one, and all others are
+equally bad; what only the simulator knows is not recorded, and not predicted.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from thalweg.algos.imitation.config import ImitationConfig
+from thalweg.algos.imitation.student import LOSSES, Lesson, Student
+from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.policy_file import About
+from thalweg.algos.policy.vision import rows_of
+from thalweg.core import versions
+from thalweg.core.compute.device import resolve_device
+from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
+from thalweg.core.config import parse_config, to_plain
+from thalweg.env import EnvConfig
+from thalweg.env.spaces import action_space
+from thalweg.env.task.bird_eye import COLUMNS, ROWS
+from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.render import RENDER_VERSION
+from thalweg.train.errors import TrainingError
+from thalweg.train.imitation.flights import lesson_of
+from thalweg.train.imitation.mask_noise import corrupt
+from thalweg.train.imitation.mirroring import mirror
+from thalweg.train.imitation.recorded_flights import RecordedFlights
+from thalweg.train.imitation.teachers import OPTIONS
+from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics
+from thalweg.train.run_in_folder import RunResult, check_numbers, open_folder, result_of, train_to_end
+
+ALGORITHM = "BC"
+"""Name of behaviour cloning in files and tables."""
+
+
+@dataclass(frozen=True)
+class Cloning:
+    """A student that learns from recordings."""
+
+    folder: Path
+    """Folder of the run; an interrupted one is resumed."""
+    recordings: Sequence[Path]
+    """Folders of recordings, see `thalweg.datasets`."""
+    steps: int
+    """Recorded steps that are learnt from, each as often as it is drawn."""
+    seed: int = 0
+    sequences: int = 32
+    """Sequences that are drawn for each update."""
+    settings: dict[str, Any] | None = None
+    """Settings of `ImitationConfig` that differ from the defaults; those of flights have no effect."""
+    threads: int | None = None
+    """Threads for learning; None: as many as there are processors, within OMP_NUM_THREADS."""
+    checkpoint_seconds: float = 60.0
+    """Least time between two checkpoints."""
+    device: str = "cpu"
+    """Where the student learns, see `thalweg.core.compute.device`."""
+
+    def run(self, *, progress: bool = False) -> RunResult:
+        """Train the student, or resume the run in the folder; a finished run is returned at once.
+
+        Raises `ConfigError`, `TrainingError` and `DatasetError` for arguments that are wrong, and for recordings that
+        do not fit, before anything is learnt.
+        """
+        settings = {"auxiliary_weight": 0.0, **(self.settings or {})}
+        config = parse_config(ImitationConfig, settings, "settings")
+        if config.auxiliary_weight:
+            raise TrainingError("auxiliary_weight must be 0 with recordings, which do not tell what is predicted")
+        threads = default_torch_threads() if self.threads is None else self.threads
+        check_numbers(steps=(self.steps, 1), num_envs=(self.sequences, 1), threads=(threads, 1), seed=(self.seed, 0))
+        if not self.recordings:
+            raise TrainingError("recordings must be at least one folder, such as recordings/steady")
+        device = torch.device(resolve_device(self.device))
+        flights = RecordedFlights(self.recordings, config.observation)
+        if len(flights.first) < config.sequence:
+            raise TrainingError(
+                f"the recordings have {len(flights.first)} steps; a sequence has {config.sequence}: record more"
+            )
+        identity = self._identity(config, flights)
+        status = open_folder(self.folder, identity, threads)
+        if status.get("state") == "finished":
+            return result_of(self.folder, status, resumed_from=None, already_finished=True)
+        actions, sizes = actions_of(action_space("multidiscrete")), (len(FEATURES), ROWS * COLUMNS)
+        with torch_threads(1):
+            student = Student(config, actions, OPTIONS, sizes, self.seed, identity["context"], device)
+        student.policy.about = About(ALGORITHM, to_plain(config), identity["context"])
+        trainer = CloningTrainer(flights, student, self.steps, self.sequences, self.seed, threads)
+        return train_to_end(
+            self.folder, trainer, identity, progress=progress, checkpoint_seconds=self.checkpoint_seconds
+        )
+
+    def _identity(self, config: ImitationConfig, flights: RecordedFlights) -> dict[str, Any]:
+        """Return what distinguishes the run from others."""
+        context = {
+            "observation": config.observation,
+            "render_version": RENDER_VERSION,
+            "imitation_version": versions.IMITATION,
+            "env": EnvConfig(observation=config.observation).as_data(),
+            "recordings": [folder.name for folder in self.recordings],
+            "recorded_flights": flights.count,
+            "recorded_steps": len(flights.first),
+            "recorded_digest": flights.digest.hexdigest()[:16],
+        }
+        return {
+            "algorithm": ALGORITHM,
+            "preset": "default",
+            "config": to_plain(config),
+            "steps": self.steps,
+            "seed": self.seed,
+            "num_envs": self.sequences,
+            "context": context,
+        }
+
+
+class CloningTrainer:
+    """Draws sequences of recorded steps and learns from them; see `thalweg.train.loop.AnyTrainer` for its members."""
+
+    def __init__(
+        self, flights: RecordedFlights, student: Student, steps: int, sequences: int, seed: int, threads: int
+    ) -> None:
+        """Learn from `steps` steps, `sequences` sequences at a time."""
+        self.recorded, self.student, self.steps, self.seed, self.threads = flights, student, steps, seed, threads
+        self.sequences = sequences
+        self.rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2,)))
+        self.statistics = EpisodeStatistics(1, [""])
+        self.stages = {"draw": 0.0, "learn": 0.0}
+        self.updates, self.seconds = 0, 0.0
+        self.warned: dict[str, str] = {}
+        self._lesson: Lesson | None = None
+
+    def start(self, state: dict[str, Any] | None = None) -> None:
+        """Begin, or resume from a state."""
+        if state is not None:
+            self.load_state(state)
+
+    @property
+    def policy(self) -> Any:
+        """The student's policy."""
+        return self.student.policy
+
+    @property
+    def done(self) -> bool:
+        """Whether all steps are taken."""
+        return self.statistics.steps >= self.steps
+
+    @property
+    def ready(self) -> bool:
+        """Whether sequences are drawn."""
+        return self._lesson is not None
+
+    def step(self) -> list[Episode]:
+        """Draw sequences, some of them mirrored, some with corrupted masks; no episode ends."""
+        config, before = self.student.config, time.perf_counter()
+        images, sequences = self.recorded.draw(config.sequence, self.sequences, self.rng)
+        start = np.zeros((self.sequences, config.memory_size), np.float32)
+        sequences = sequences._replace(start=start)
+        mirror(images, sequences, config.mirrored, self.rng)
+        corrupt(images, config.observation, config.corrupted_masks, self.rng)
+        self._lesson = lesson_of(sequences, rows_of(images, sequences.last))
+        self.statistics.steps += config.sequence * self.sequences
+        self.stages["draw"] += time.perf_counter() - before
+        return []
+
+    def update(self) -> dict[str, float]:
+        """Learn from what was drawn; returns the losses."""
+        assert self._lesson is not None
+        student, before = self.student, time.perf_counter()
+        student.decay(self.statistics.steps / self.steps)
+        with torch_threads(self.threads):
+            found = student.learn(self._lesson)
+        self._lesson = None
+        self.updates += 1
+        self.stages["learn"] += time.perf_counter() - before
+        losses = {name: found[name] for name in LOSSES[:2]}  # the others predict what is not recorded
+        return {**losses, "learning_rate": student.optimiser.rate}
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that the rest of the run depends on; valid between updates."""
+        return {
+            "student": self.student.state(),
+            "statistics": self.statistics.state(),
+            "rng": self.rng.bit_generator.state,
+            "updates": self.updates,
+            "seconds": self.seconds,
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """Restore what `state` returned."""
+        self.student.load_state(state["student"])
+        self.statistics.load_state(state["statistics"])
+        self.rng.bit_generator.state = state["rng"]
+        self.updates, self.seconds = int(state["updates"]), float(state["seconds"])

@@ -12,6 +12,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCKS = Path(__file__).with_name("locks")
+EMPTY = {"omnisafe": ("safety_gymnasium", "wandb")}
+"""Modules that a library imports but does not need here, for which empty ones stand: Safety-Gymnasium 1.0.0, of which
+OmniSafe takes its own tasks, cannot be imported beside Gymnasium 1."""
 
 
 def names() -> list[str]:
@@ -36,6 +39,8 @@ def python_with(name: str) -> Path:
     (packages / "base.pth").write_text(f"import site; site.addsitedir({str(base)!r})\n")
     pip = [str(python), "-m", "pip", "install", "--disable-pip-version-check", "--quiet"]
     subprocess.run([*pip, "--no-deps", "-r", str(lock)], check=True)
+    for module in EMPTY.get(name, ()):
+        (packages / f"{module}.py").touch()
     ready.write_text(wanted)
     return python
 

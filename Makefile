@@ -10,12 +10,13 @@ DOCS := $(VENV)/.docs
 OUT ?= results
 export MPLBACKEND := Agg
 
-.PHONY: help setup demo test test-slow test-all lint format docs bench clean
+.PHONY: help setup demo test test-slow test-all test-interop lint format docs bench clean
 
 help:
 	@echo "make demo    train, evaluate and report at small scale (about five minutes on two free cores); OUT=folder, default results"
 	@echo "make test    run the tests that take under five minutes on two cores"
 	@echo "make test-slow   run the others, with Ray and the compiler for GPUs; make test-all runs both"
+	@echo "make test-interop   run the tests against other libraries, each in an environment of its own; LIBRARIES=names, default all"
 	@echo "make lint    format check, lint and types, as in CI"
 	@echo "make docs    build the site of the documentation in build/site/html, without warnings"
 	@echo "make bench   the paper's comparison: hours of training; OUT=folder, default results"
@@ -68,6 +69,11 @@ test-slow: $(READY) $(CUDA) $(CLUSTER)
 test-all: $(READY) $(CUDA) $(CLUSTER)
 	$(PYTEST)
 
+# Environments .venv-interop-NAME with the libraries of tests/interop/locks.
+LIBRARIES ?=
+test-interop: $(READY)
+	OMP_NUM_THREADS=1 $(BIN)/python -m tests.interop.run $(LIBRARIES)
+
 lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -87,5 +93,5 @@ bench: $(READY)
 	$(BIN)/thalweg bench paper --out $(OUT)/paper
 
 clean:
-	rm -rf $(VENV) .pytest_cache .ruff_cache build dist *.egg-info
+	rm -rf $(VENV) $(VENV)-interop-* .pytest_cache .ruff_cache build dist *.egg-info
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

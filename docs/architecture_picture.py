@@ -18,8 +18,9 @@ from matplotlib.patches import Rectangle
 PATH = Path(__file__).resolve().parent / "images" / "architecture.png"
 BOXES = {
     "cli": (0.0, 0.0, 12.0, 0.9),
-    "viewer": (0.0, 1.4, 12.0, 0.9),
-    "bench": (0.0, 2.8, 12.0, 0.9),
+    "viewer": (0.0, 1.4, 8.6, 0.9),
+    "interop": (9.0, 1.4, 3.0, 2.3),
+    "bench": (0.0, 2.8, 8.6, 0.9),
     "train": (0.0, 4.2, 12.0, 0.9),
     "env": (0.0, 5.6, 5.6, 1.25),
     "render": (0.0, 7.35, 5.6, 1.25),
@@ -33,6 +34,7 @@ demand."""
 CAPTIONS = {
     "cli": "the thalweg command",
     "viewer": "the page to fly, watch and record",
+    "interop": "learners of other libraries",
     "bench": "evaluate, compare, report",
     "train": "where environment, encoder and algorithm meet",
     "env": "the rules, as environments",
@@ -43,8 +45,9 @@ CAPTIONS = {
     "core": "files, compilation, devices, versions",
 }
 COLOURS = {
-    "cli": "#e8e3da", "viewer": "#ece0d0", "bench": "#e9d8c9", "train": "#ead9b6", "env": "#d3e2d0",
-    "encoder": "#d9dff0", "algos": "#e6d4e6", "render": "#cfe3e8", "world": "#d6e6c8", "core": "#e2e2e2",
+    "cli": "#e8e3da", "viewer": "#ece0d0", "interop": "#e3dcc8", "bench": "#e9d8c9", "train": "#ead9b6",
+    "env": "#d3e2d0", "encoder": "#d9dff0", "algos": "#e6d4e6",
+    "render": "#cfe3e8", "world": "#d6e6c8", "core": "#e2e2e2",
 }  # fmt: skip
 
 

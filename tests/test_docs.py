@@ -61,8 +61,8 @@ SMALLER = {
     "docs/encoder.md": {"collect_frames(2200": "collect_frames(24", "held_out=200": "held_out=4, epochs=1"},
 }
 """What a test runs instead of numbers that take minutes."""
-ELSEWHERE = ("README.md", "docs/training.md")
-"""Pages whose Python `test_examples.py` runs."""
+ELSEWHERE = ("README.md", "docs/training.md", "docs/other-libraries.md")
+"""Pages whose Python `test_examples.py` runs, or the tests in `interop/`, where other libraries are."""
 WITH_PYTHON = [
     page for page in pages() if python_of(page.read_text()) and page.relative_to(ROOT).as_posix() not in ELSEWHERE
 ]

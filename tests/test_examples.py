@@ -85,3 +85,9 @@ def test_every_example_is_tested():
 @pytest.mark.slow
 def test_the_figures_in_the_pages_are_those_that_were_measured(tmp_path: Path):
     run(str(ROOT / "benchmarks" / "write_figures.py"), "--check", cwd=tmp_path)
+
+
+def test_every_example_for_another_library_is_run_by_its_tests():
+    folder = ROOT / "examples" / "interop"
+    tested = "".join(file.read_text() for file in (ROOT / "tests" / "interop").glob("test_*.py"))
+    assert [file.name for file in folder.glob("*.py") if f'"{file.name}"' not in tested] == []

@@ -1,0 +1,40 @@
+"""Tests of codes as observations of single environments, against the wrapper of vectors."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from tests.interop.small import actions, assert_same, single, vector
+from thalweg.encoder import EncoderInputError, load_encoder
+from thalweg.interop.errors import InteropError
+from thalweg.interop.latent import LatentEnv
+from thalweg.render import Camera
+from thalweg.train import LatentVectorEnv
+
+
+@pytest.mark.parametrize("observation", ["rgb+mask", "rgb,mask,proprioception"])
+def test_codes_are_those_of_the_vector_wrapper_to_the_bit(observation: str):
+    options = {"observation": observation, "camera": Camera(), "max_steps": 50}
+    one = LatentEnv(single(**options))
+    many = LatentVectorEnv(vector(2, **options), load_encoder())
+    assert one.observation_space == many.single_observation_space
+    found, expected = one.reset(seed=4), many.reset(seed=4)
+    assert_same(found[0], expected[0][0])
+    for action in actions(one.action_space, 5):
+        found, expected = one.step(action)[0], many.step(np.stack([action, action]))[0]
+        assert_same(found, expected[0])
+
+
+def test_gymnasiums_checker_passes():
+    env = LatentEnv(gymnasium.make("thalweg/Easy-v0").unwrapped)
+    check_env(env, skip_render_check=True)
+    obs, _ = env.reset(seed=0)
+    assert env.observation_space.contains(obs)
+
+
+def test_observations_without_images_and_images_of_another_size_are_refused():
+    with pytest.raises(InteropError, match="an encoder needs images, the environment's observations are Box"):
+        LatentEnv(single(observation="privileged"))
+    with pytest.raises(EncoderInputError, match="takes frames of 128 x 128 pixels, not of 40 x 48"):
+        LatentEnv(single())

@@ -2,13 +2,16 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import torch
 
 from tests.encoder.synthetic_frames import synthetic_frames
+from thalweg.core import machine
 from thalweg.core.run_folder import FolderKind
 from thalweg.encoder import (
     VAE,
@@ -26,7 +29,7 @@ from thalweg.encoder import (
 from thalweg.encoder import geometry_training as training
 from thalweg.encoder.checkpoint import check_folder
 from thalweg.encoder.geometry import Scale, geometry_loss
-from thalweg.encoder.geometry_training import Labelled, r_squared, train_geometry
+from thalweg.encoder.geometry_training import Labelled, r_squared, train_geometry, write_geometry
 from thalweg.encoder.reconstruction import to_batch
 
 CONFIG = GeometryConfig(targets=("wet", "bright"), latent=4, size_px=64, hidden=8, batch=16)
@@ -135,6 +138,14 @@ def test_a_file_gives_the_same_codes_and_says_what_it_is(tmp_path: Path, frames:
     assert (loaded.latent, loaded.inputs, loaded.render_version, loaded.config) == (4, "rgb+mask", 3, CONFIG)
     codes = loaded(frames[:2])
     assert np.array_equal(loaded.predict(codes), Encoder(network).predict(codes))
+
+
+def test_a_copy_of_the_sources_that_is_not_installed_writes_its_file_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(machine, "version", Mock(side_effect=PackageNotFoundError))
+    write_geometry(tmp_path / "eye.safetensors", trained_looking(), {})
+    assert load_encoder(tmp_path / "eye.safetensors").about["thalweg"] == "unknown"
 
 
 def test_files_of_the_other_kind_are_refused(tmp_path: Path):

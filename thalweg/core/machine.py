@@ -11,14 +11,18 @@ PACKAGES = ("thalweg", "numpy", "scipy", "numba", "torch", "gymnasium")
 
 def package_versions() -> dict[str, str]:
     """Return the versions of Python and of `PACKAGES`; a package that is not installed is "unknown"."""
-    return {"python": platform.python_version()} | {name: _version(name) for name in PACKAGES}
+    return {"python": platform.python_version()} | {name: package_version(name) for name in PACKAGES}
 
 
 def gpu_info() -> dict[str, str]:
     """Return the name of PyTorch's current GPU and the versions of CUDA and numba-cuda."""
     import torch  # only called where a GPU is used
 
-    return {"card": torch.cuda.get_device_name(), "cuda": str(torch.version.cuda), "numba-cuda": _version("numba-cuda")}
+    return {
+        "card": torch.cuda.get_device_name(),
+        "cuda": str(torch.version.cuda),
+        "numba-cuda": package_version("numba-cuda"),
+    }
 
 
 def machine_info() -> dict[str, str | int]:
@@ -43,7 +47,8 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _version(package: str) -> str:
+def package_version(package: str) -> str:
+    """Return the version of a package, "unknown" where it is not installed, as in a copy of the sources."""
     try:
         return version(package)
     except PackageNotFoundError:

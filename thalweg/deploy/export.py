@@ -19,6 +19,7 @@ from thalweg.core import versions
 from thalweg.core.atomic_io import atomic_path
 from thalweg.core.cache import file_hash
 from thalweg.core.compute.torch_threads import torch_threads
+from thalweg.core.machine import package_version
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.network import ExportedNetwork
 from thalweg.deploy.onnx_policy import KEY, OnnxPolicy
@@ -220,14 +221,8 @@ def _about(chosen: Exportable, source: Path | None, name: str) -> dict[str, Any]
         "chooses": "the most probable option of each branch",
         "task": context.get("env", {}).get("task", "River"),
         "render_version": context.get("render_version"),
-        "versions": {"thalweg": _version(), "torch": torch.__version__, "rules": versions.RULES},
+        "versions": {"thalweg": package_version("thalweg"), "torch": torch.__version__, "rules": versions.RULES},
     }
-
-
-def _version() -> str:
-    from importlib.metadata import version
-
-    return version("thalweg")
 
 
 def _compare(chosen: Exportable, exported: OnnxPolicy) -> None:

@@ -8,7 +8,6 @@ import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -18,6 +17,7 @@ from torch import Tensor
 
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import to_plain
+from thalweg.core.machine import package_version
 from thalweg.core.run_folder import FolderKind
 from thalweg.encoder.checkpoint import restore_state, state_tensors
 from thalweg.encoder.encoder import Encoder
@@ -104,7 +104,7 @@ def train_geometry(
 
 def write_geometry(path: Path, network: GeometryNetwork, about: Mapping[str, Any]) -> None:
     """Write the file of a trained encoder, with the versions that made it beside `about`."""
-    save_geometry(path, network, {**about, "thalweg": version("thalweg"), "torch": torch.__version__})
+    save_geometry(path, network, {**about, "thalweg": package_version("thalweg"), "torch": torch.__version__})
 
 
 def r_squared(predicted: np.ndarray, truths: np.ndarray) -> np.ndarray:

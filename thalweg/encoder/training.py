@@ -12,7 +12,6 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ import torch
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.machine import package_version
 from thalweg.core.run_folder import FolderKind
 from thalweg.encoder.checkpoint import restore_state, state_tensors
 from thalweg.encoder.files import FILE, FORMAT, EncoderFileError, read_tensors, save_vae, write_tensors
@@ -221,6 +221,6 @@ def _write_encoder(
     }
     if source.world_seeds:
         provenance["world_seeds"] = list(source.world_seeds)
-    versions = {"thalweg": version("thalweg"), "torch": torch.__version__}
+    versions = {"thalweg": package_version("thalweg"), "torch": torch.__version__}
     save_vae(path, state.vae, {**state.run, **errors, **provenance, **versions, "command": source.command})
     return TrainingResult(path=path, rows=rows, **errors)

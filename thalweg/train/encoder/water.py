@@ -8,7 +8,6 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
+from thalweg.core.machine import package_version
 from thalweg.core.run_folder import FolderKind
 from thalweg.core.seeds import compact_seeds
 from thalweg.encoder.checkpoint import check_folder, restore_state, state_tensors
@@ -90,7 +90,7 @@ class WaterTraining:
                 bar.update(task, advance=1, note=f"IoU held out {rows[-1]['held_out_iou']:.3f}")
         iou = float(rows[-1]["held_out_iou"] or 0.0)
         about = {"run": run, "held_out_iou": iou, "render_version": RENDER_VERSION, "command": self.command}
-        about |= {"thalweg": version("thalweg"), "torch": torch.__version__}
+        about |= {"thalweg": package_version("thalweg"), "torch": torch.__version__}
         save_segmenter(self.folder / FILE, state.network, about)
         return self.folder / FILE, iou
 

@@ -97,7 +97,7 @@ def test_the_extras_are_those_of_the_projects_file():
         for extra in EXTRAS
     }
     assert names == {extra: set(modules) - {"cuda"} for extra, modules in EXTRAS.items()}
-    assert declared["all"] == ["thalweg[learn,cli,plot,film,geo,viewer]"]
+    assert declared["all"] == ["thalweg[learn,cli,plot,film,geo,viewer,record,export]"]
 
 
 def test_the_version_is_that_of_the_installation():

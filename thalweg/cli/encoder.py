@@ -17,8 +17,7 @@ class EncoderTrain:
     out: Path
     """Folder of the run."""
     target: Literal["image", "geometry", "water"] = "image"
-    """What is learnt: the image itself, by an autoencoder, what an ideal eye sees of the river, or where the colours
-    show water, for `thalweg follow`, which is no encoder of codes."""
+    """What is learnt: the image (an autoencoder), what an ideal eye sees of it, or where water is (`follow`)."""
     inputs: Literal["rgb+mask", "rgb", "mask"] = "rgb+mask"
     """Channels that the encoder sees."""
     latent: int | None = None

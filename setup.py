@@ -1,7 +1,7 @@
-"""The README of the package, with links and pictures that a package index can show.
+"""Setup of the package: the README, with links and pictures that a package index can show.
 
 `THALWEG_BASE_URL` is the address of the repository's files at a release, such as `https://example.org/thalweg/v0.1.0/`;
-links of the README then lead there. Without it they stay relative. All else stands in pyproject.toml.
+links of the README then lead there. Without it they stay relative. All other settings are in pyproject.toml.
 """
 
 import os

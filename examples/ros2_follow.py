@@ -1,4 +1,4 @@
-"""A ROS 2 node that follows a river by an exported policy: images in, velocities out, and a stop when either fails.
+"""ROS 2 node that follows a river by an exported policy: images in, velocities out, and a stop if either fails.
 
 It was checked for its syntax only: no robot, and no ROS, has run it. Try it with the propellers off.
 
@@ -6,8 +6,10 @@ It was checked for its syntax only: no robot, and no ROS, has run it. Try it wit
 
 The policy sees `image` (sensor_msgs/Image, rgb8 or bgr8) and, if it takes one, `mask` (mono8, 255 where water is seen).
 It chooses a step every `steps.seconds` of the file's metadata, which becomes a velocity on `cmd_vel`
-(geometry_msgs/Twist, x forward, y left, z up, yaw to the left). The camera should be that of the metadata: the field of
-view, and as far below the horizon.
+(geometry_msgs/Twist in m/s and rad/s: x forward, y left, z up, yaw to the left). `speed`, from 0 to 1, is the share of
+the velocity that the step has in the simulator; `patience_s` is the greatest age of an image in seconds. The camera
+should have the field of view and the pitch of the metadata. The option "backward" is taken as none; do not use policies
+of tasks with a fast step, where it is a fast step forward.
 """
 
 import json
@@ -26,7 +28,7 @@ BRANCHES = ("vertical", "yaw", "longitudinal", "lateral")
 
 
 class FollowRiver(Node):
-    """Flies by the newest image, at the rate of the policy's steps; stops where images are late or the policy fails."""
+    """Publishes the velocity of the policy's step for the newest image, at the rate of steps, or a stop."""
 
     def __init__(self) -> None:
         super().__init__("follow_river")
@@ -70,13 +72,16 @@ class FollowRiver(Node):
             return
         try:
             options = self.choose({name: self.seen[name][1] for name in wanted})
-        except Exception as error:  # whatever it is, the vehicle must stop
+        except Exception as error:  # the vehicle must stop for every error
             self.stop(f"the policy failed: {error}")
             return
         self.commands.publish(self.velocity(options))
 
     def choose(self, seen: dict[str, np.ndarray]) -> np.ndarray:
-        """Return the options [4] of the next step, and remember it."""
+        """Return the options [4] of the next step, and keep memory and last action.
+
+        `seen` has an image [H, W, 3] and a mask [H, W] by name.
+        """
         given: dict[str, Any] = {name: np.ascontiguousarray(each[None], np.uint8) for name, each in seen.items()}
         given |= {"fresh": np.array([self.fresh]), "memory": self.memory, "last_action": self.last}
         names = [output.name for output in self.session.get_outputs()]
@@ -97,13 +102,13 @@ class FollowRiver(Node):
         return command
 
     def stop(self, reason: str) -> None:
-        """Publish a stop; the policy begins anew when it can fly again."""
+        """Publish a stop; the policy forgets its memory and last action."""
         self.fresh = True
         self.commands.publish(Twist())
         self.get_logger().warning(f"stopped: {reason}", throttle_duration_sec=1.0)
 
     def pixels(self, message: Image, channels: int) -> np.ndarray | None:
-        """Return a message's picture [H, W, C] uint8 in the policy's size, cut to its shape from the middle."""
+        """Return the middle of a message's picture in the policy's size [H, W, C] uint8; None for another encoding."""
         if message.encoding not in (("rgb8", "bgr8") if channels == 3 else ("mono8", "8UC1")):
             self.stop(f"pictures are {message.encoding}, not of {channels} channels of a byte")
             return None
@@ -121,6 +126,7 @@ class FollowRiver(Node):
 
 
 def main() -> None:
+    """Run the node until it is interrupted."""
     rclpy.init()
     node = FollowRiver()
     try:

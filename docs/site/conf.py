@@ -59,12 +59,12 @@ html_theme_options = {
 
 
 def shorten_signature(app, what, name, obj, options, signature, return_annotation):
-    """Leave the fields of records out of the signature, since each follows with its type and docstring."""
+    """Leave the fields of dataclasses out of signatures, since each follows with its type and docstring."""
     return ("(...)", "") if what == "class" and is_dataclass(obj) else None
 
 
 def shorten_type(app, domain, objtype, contentnode):
-    """Show the type of a field without the limits that are checked, which its docstring tells."""
+    """Show the type of a field without its limits."""
     if objtype not in ("attribute", "data"):
         return
     for part in contentnode.parent.findall(addnodes.desc_annotation):
@@ -82,7 +82,7 @@ def keep_colons(app, what, name, obj, options, lines):
 
 
 def setup(app):
-    """Connect these to Sphinx."""
+    """Connect the functions above to Sphinx."""
     app.connect("autodoc-process-docstring", keep_colons, priority=400)  # before Napoleon
     app.connect("autodoc-process-signature", shorten_signature)
     app.connect("object-description-transform", shorten_type)

@@ -1,4 +1,4 @@
-"""Notebooks as Markdown: text, code, and the outputs that are stored in the file."""
+"""Conversion of notebooks to Markdown: text, code, and the stored outputs."""
 
 import base64
 import json
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def joined(text: str | list[str]) -> str:
-    """Return a text that the format stores whole or as a list of lines."""
+    """Return a text that a notebook stores as one string or as a list of lines."""
     return text if isinstance(text, str) else "".join(text)
 
 

@@ -1,7 +1,7 @@
-"""Runs the cells of a notebook in their order in this process, and stores what they print and show.
+"""Runner of notebooks: runs the cells in order in one process, and stores what they print and show.
 
-`python docs/site/run_notebook.py examples/first_flight.ipynb` writes the outputs into the file. No kernel of Jupyter is
-needed, so that magic commands are not understood.
+`python docs/site/run_notebook.py examples/first_flight.ipynb` writes the outputs into the file. Jupyter is not
+needed, and magic commands are not supported.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""Gathers what the site is built from into one folder: the project's pages, those of the site alone, and linked files.
+"""Staging of the site: gathers the project's pages, those of the site alone, and linked files in one folder.
 
 A page keeps its path in the project, so that its links to other pages stay as they are. Links to Python files and
 folders lead to pages that show them. `make docs` runs this before Sphinx.
@@ -26,7 +26,7 @@ OTHERS = "@other pages of docs/"
 
 
 class LinkError(ValueError):
-    """A link that leads nowhere, or an address that is none."""
+    """A link to a missing file, or an external address that is incomplete."""
 
 
 def outside_code(text: str, change: Callable[[str], str]) -> str:
@@ -45,7 +45,7 @@ def outside_code(text: str, change: Callable[[str], str]) -> str:
 
 
 def check_address(address: str, page: str) -> None:
-    """Raise `LinkError` unless an external address is complete; whether it answers is not asked."""
+    """Raise `LinkError` unless an external address is complete; it is not opened."""
     parts = urlsplit(address)
     mail = parts.scheme == "mailto" and "@" in parts.path
     if not mail and not (parts.scheme in ("http", "https") and "." in parts.netloc):
@@ -83,7 +83,7 @@ def rewritten(text: str, page: str, root: Path, made: Collection[str] = ()) -> t
 
 
 def first_line(path: Path) -> str:
-    """Return the first line of a Python file's docstring; of other files nothing."""
+    """Return the first line of a Python file's docstring; an empty text for other files."""
     if path.suffix != ".py":
         return ""
     return (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").split("\n")[0]

@@ -1,4 +1,6 @@
-"""PPOLag of OmniSafe on codes of frames, or on what a perfect camera could tell.
+"""PPOLag of OmniSafe on codes of frames, or on the privileged observation.
+
+docs/other-libraries.md says how to install OmniSafe.
 
 python examples/interop/omnisafe_ppolag.py
 """

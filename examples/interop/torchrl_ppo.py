@@ -1,5 +1,6 @@
 """PPO of TorchRL with convolutions, on frames of many environments; no adapter is needed.
 
+pip install torchrl
 python examples/interop/torchrl_ppo.py
 """
 

@@ -1,4 +1,4 @@
-"""`thalweg export`: a policy as one ONNX file, which runs without Python."""
+"""`thalweg export`: writes a policy as one ONNX file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from thalweg.cli.options import check_file
 
 @dataclass(frozen=True)
 class Export:
-    """Write a policy as one ONNX file: encoder, memory, preprocessing and the choice of actions."""
+    """Write a policy as one ONNX file with its encoder, memory, preprocessing and choice of actions."""
 
     policy: Positional[str] = "packaged"
     """A run's folder, a policy file, or `packaged`."""

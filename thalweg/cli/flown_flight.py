@@ -1,4 +1,4 @@
-"""Options of a flight that is flown for a command: by a policy, a pilot, or as it was saved."""
+"""Options of flights that a command flies: by a policy, a pilot, or as they were saved."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -12,7 +12,7 @@ from thalweg.cli.flight_options import ChosenFlight, policy_name
 from thalweg.cli.options import NO_FILE, UsageError
 
 SAVED = ".npz"
-"""Ending of flights that `thalweg fly` saved."""
+"""Ending of files of flights that `thalweg fly` saved."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,17 @@ class FlownFlight(ChosenFlight):
         return Path(self.flight).suffix == SAVED
 
     def cockpit(self, size_px: int, folder: Path) -> Any:
-        """Return the cockpit of the flight, which is at its start; `folder` is where it would save flights."""
+        """Return a cockpit at the start of the flight; `folder` is where it would save flights.
+
+        Raises the errors of `cockpits`, and of a saved flight that cannot be read.
+        """
         return self._repeated(size_px, folder) if self.saved else next(self.cockpits(size_px, folder, [{}]))
 
     def cockpits(self, size_px: int, folder: Path, changes: Any) -> Any:
-        """Yield the cockpit at the start of each flight, whose options differ by `changes`, of one policy."""
+        """Yield the cockpit at the start of each flight; `changes` has a mapping for each, of the options that differ.
+
+        The same cockpit and policy fly all of them. Raises the errors of `chosen`, and of the policy.
+        """
         from thalweg.viewer.flight.cockpit import Cockpit
         from thalweg.viewer.flight.flyers import PILOTS
         from thalweg.viewer.flight.recording import Folder
@@ -72,7 +78,7 @@ def _loaded(name: str) -> Any:
 
 
 def _holding(policy: Any) -> Callable[[], Any]:
-    """Return a function that returns a policy."""
+    """Return a function that returns `policy`, which is already loaded."""
     return partial(_given, policy)
 
 

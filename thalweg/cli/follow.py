@@ -1,4 +1,4 @@
-"""`thalweg follow`: a policy over a video, as an overlay."""
+"""`thalweg follow`: shows what a policy would do over a video."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,14 +11,14 @@ from thalweg.cli.options import UsageError, check_file
 
 @dataclass(frozen=True)
 class Follow:
-    """Fly a policy over a video: the water that is found in it, what the policy sees, and what it would do."""
+    """Show over a video the water that is found in it, and the moves that a policy would choose."""
 
     video: Positional[Path]
-    """Video to read; about four frames a second are looked at, the policy's steps."""
+    """Video to read; about four frames a second are used, one for each step of the policy."""
     policy: str = "packaged"
     """A run's folder, a policy file, or `packaged`."""
     segmenter: Path | None = None
-    """File of a finder of water, `encoder train --target water`; by default that of the package."""
+    """File of a finder of water, which `encoder train --target water` writes; by default that of the package."""
     out: Path = Path("overlay.mp4")
     """Film to write, .mp4; an existing one is replaced."""
 

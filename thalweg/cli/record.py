@@ -1,4 +1,4 @@
-"""`thalweg record`: flights as a data set of LeRobot or Minari, with all that is seen in them."""
+"""`thalweg record`: records flights as a data set of LeRobot or Minari."""
 
 import itertools
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ class Record(FlownFlight):
     episodes: int = 10
     """Number of flights; their seeds are --seed, --seed + 1 and so on."""
     world_seeds: tuple[str, ...] = ()
-    """Seeds of rivers that the flights take in turn, such as 1000:1010, in place of --world-seed."""
+    """Seeds of rivers, such as 1000:1010, one for each flight in turn; in place of --world-seed."""
     steps: int | None = None
     """Greatest number of steps of each flight; by default to its end."""
     layers: tuple[Literal["mask", "depth", "class"], ...] = ("mask", "depth", "class")
@@ -30,11 +30,11 @@ class Record(FlownFlight):
     size: int = 128
     """Height and width of a frame in pixels."""
     fov_deg: float = 60.0
-    """Vertical field of view of the recorded camera in degrees; policies see through the one they know."""
+    """Vertical field of view of the recorded camera in degrees; policies see through the camera of their training."""
     pitch_deg: float = 20.0
     """How far the recorded camera looks below the horizon, in degrees."""
     video: bool = False
-    """Keep the colours as an H.264 video, which is small and loses some; else every frame is lossless."""
+    """Keep the colours as an H.264 video, which is smaller and lossy; else every frame is lossless."""
 
     def run(self) -> int:
         from thalweg.bench.evaluate.progress import progress_bar
@@ -62,7 +62,7 @@ class Record(FlownFlight):
                 if cockpit.flight.env is not observer.env:
                     observer = Observer(cockpit.flight.env, camera, self.layers)
                 episode = observer.record(cockpit, self.steps)
-                if self.saved:  # it is repeated, but who flew it then is what counts
+                if self.saved:  # the repeating pilot is not who flew it
                     episode = replace(episode, pilots=read_recording(Path(self.flight)).pilots[: episode.steps])
                 writer.add(episode)
                 ended = cockpit.flight.status()["ended"] or "stopped"

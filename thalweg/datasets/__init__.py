@@ -1,1 +1,1 @@
-"""Recorded flights as standard data sets: what a recording holds, and its files, those of Minari and LeRobot."""
+"""Recorded flights as data sets of LeRobot and Minari: the record of a flight, writers and readers."""

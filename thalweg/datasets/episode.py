@@ -1,4 +1,4 @@
-"""The record of a flight with all that was seen in it, whichever file it is kept in.
+"""Record of a flight with what was seen and done in it, independent of file formats.
 
 Letters: T steps, H, W pixels, P numbers of proprioception, K kinds of costs.
 """
@@ -15,15 +15,16 @@ Layer = Literal["mask", "depth", "class"]
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 """What may be recorded beside the colours."""
 ACTION_NAMES = ("up", "turn left", "forward", "left")
-"""Meaning of +1 in each branch of a move; -1 is the opposite, and 0 none."""
+"""Meaning of +1 in each branch of a move; -1 is the opposite direction, and 0 no motion."""
 POSE_NAMES = ("x", "y", "z", "yaw")
+"""Numbers of a pose: three in metres, yaw in radians counter-clockwise from east."""
 RUNNING = -1
 """Code of the reason for a flight that has not ended by the rules."""
 
 
 @dataclass(frozen=True)
 class About:
-    """What is equal in all flights of a data set, as plain data; a data set keeps it beside its numbers."""
+    """What all flights of a data set have in common, as plain data; it is stored in the data set's metadata."""
 
     fps: int
     """Steps a second."""
@@ -32,6 +33,7 @@ class About:
     proprioception: tuple[str, ...]
     """Names of the numbers of proprioception."""
     cost_kinds: tuple[str, ...]
+    """Name of each kind of costs, in the order of `RecordedEpisode.costs`."""
     reasons: tuple[str, ...]
     """Name of each reason for the end of a flight, by its code from 0."""
     classes: tuple[str, ...]
@@ -43,7 +45,7 @@ class About:
 
     @classmethod
     def from_plain(cls, told: Any, folder: Path) -> "About":
-        """Return what the data set in a folder says of itself; raises `DatasetError` for anything else."""
+        """Return the record of the metadata `told` of the data set in `folder`; raises `DatasetError` if it is none."""
         tuples = ("proprioception", "cost_kinds", "reasons", "classes", "layers")
         try:
             texts: dict[str, Any] = {name: tuple(told[name]) for name in tuples}
@@ -81,9 +83,9 @@ class RecordedEpisode:
     terminated: bool
     """Whether the flight ended by the rules; a flight that was stopped, or cut off by a deadline, did not."""
     reason: int = RUNNING
-    """Code of the reason for the end, see `About.reasons`; `RUNNING` for a flight that was stopped before."""
+    """Code of the reason for the end, see `About.reasons`; `RUNNING` for a flight that was stopped before its end."""
     pilots: tuple[str, ...] = ()
-    """[T] who flew each step."""
+    """[T] name of who flew each step."""
     task: str = "River"
     options_of_flight: dict[str, Any] = field(default_factory=dict)
     """Options of the flight as plain data: river, seeds, task, vehicle, look and wind."""
@@ -99,13 +101,13 @@ class RecordedEpisode:
         return self.rgb.shape[1], self.rgb.shape[2]
 
     def reasons(self) -> np.ndarray:
-        """Return the code of the reason after each step int64 [T], `RUNNING` but for the last one."""
+        """Return the code of the reason after each step, int64 [T]: `RUNNING` for all steps but the last."""
         codes = np.full(self.steps, RUNNING, np.int64)
         codes[-1] = self.reason
         return codes
 
     def layer(self, name: Layer) -> np.ndarray | None:
-        """Return a layer [T + 1, H, W]."""
+        """Return a layer [T + 1, H, W], see the fields; None if it was not recorded."""
         return {"mask": self.mask, "depth": self.depth_m, "class": self.class_id}[name]
 
 
@@ -116,9 +118,9 @@ SENTENCES = {
     "RacingLine": "Follow the river fast, and keep clear of banks and stones.",
     "Portage": "Fly to the gauge station; land costs.",
 }
-"""What each task asks for, in words; data sets for policies of language keep it."""
+"""What each task asks for, in words, which data sets keep for policies that take language."""
 
 
 def sentence_of(task: str) -> str:
-    """Return what a task asks for, in words; that of a plug-in is its name."""
+    """Return what a task asks for, in words; for the task of a plug-in a sentence with its name."""
     return SENTENCES.get(task, f"Fly the task {task}.")

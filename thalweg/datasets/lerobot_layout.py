@@ -1,7 +1,7 @@
 """The layout of LeRobot's data sets, version 3.0: names of files, and the features of each frame.
 
-Only the camera's picture, what is measured aboard and the move have names that begin with "observation" or "action",
-by which LeRobot chooses what its policies see and do.
+LeRobot chooses inputs and outputs of its policies by names that begin with "observation" and "action". Only the
+camera's picture, what is measured aboard, and the move have such names.
 """
 
 from typing import Any
@@ -15,10 +15,10 @@ DATA_PATH = f"data/{CHUNK}.parquet"
 VIDEO_PATH = f"videos/{{video_key}}/{CHUNK}.mp4"
 EPISODES_PATH = f"meta/episodes/{CHUNK}.parquet"
 FORMAT = 1
-"""Version of `ABOUT`, what only Thalweg knows."""
+"""Version of the file `ABOUT`, which holds what LeRobot's files have no place for."""
 INFO, STATS, TASKS, ABOUT = "meta/info.json", "meta/stats.json", "meta/tasks.parquet", "meta/thalweg.json"
 FILES_PER_CHUNK = 1000
-"""One file for each episode, so many of which lie in a folder."""
+"""Number of episodes, each of which is a file, in a folder."""
 CAMERA = "observation.images.camera"
 STATE = "observation.state"
 IMAGE_AXES = ["height", "width", "channels"]
@@ -33,7 +33,14 @@ INDICES: dict[str, dict[str, Any]] = {
 
 
 def features_of(about: About, size_px: tuple[int, int], *, video: bool, discrete: bool) -> dict[str, dict[str, Any]]:
-    """Return dtype, shape and names of all features of a frame of H, W pixels; `video`: of the colours."""
+    """Return dtype, shape and names of all features of a frame.
+
+    Args:
+        about: Describes the data set.
+        size_px: H and W.
+        video: Whether the colours are a video.
+        discrete: Whether the actions are options.
+    """
     height, width = size_px
 
     def numbers(count: int, dtype: str = "float32", names: Any = None) -> dict[str, Any]:
@@ -64,12 +71,12 @@ def features_of(about: About, size_px: tuple[int, int], *, video: bool, discrete
 
 
 def place(number: int) -> dict[str, int]:
-    """Return chunk and file of an episode."""
+    """Return the indices of chunk and file of an episode."""
     return {"chunk_index": number // FILES_PER_CHUNK, "file_index": number % FILES_PER_CHUNK}
 
 
 def info_of(features: dict[str, Any], about: About, lengths: list[int], tasks: int, *, video: bool) -> dict[str, Any]:
-    """Return the content of `INFO` for episodes of some lengths."""
+    """Return the content of the file `INFO`; `lengths`: steps of each episode, `tasks`: number of tasks."""
     return {
         "codebase_version": CODEBASE_VERSION,
         "robot_type": "thalweg",

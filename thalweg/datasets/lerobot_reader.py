@@ -1,4 +1,4 @@
-"""Reading of LeRobot's data sets that Thalweg recorded."""
+"""Reader of data sets in LeRobot's format that Thalweg recorded."""
 
 import io
 import json
@@ -16,15 +16,16 @@ from thalweg.datasets.video import read_video
 
 
 def is_lerobot(folder: Path) -> bool:
-    """Return whether a folder holds a data set of LeRobot."""
+    """Return whether a folder holds a data set in LeRobot's format."""
     return (folder / layout.INFO).is_file()
 
 
 def read_lerobot(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
-    """Return what a data set says of itself, and its flights, in which what was seen after the last step is what was
-    seen before it.
+    """Return the description of a data set, and an iterator over its flights.
 
-    Raises `DatasetError` for a data set that was not recorded by Thalweg, is of another version, or cannot be read.
+    The format has no images after the last step: those before it are repeated there. Raises `DatasetError` for a data
+    set that was not recorded by Thalweg or is of another version; so does the iterator for a table or a video that
+    cannot be read.
     """
     if not (folder / layout.ABOUT).is_file():
         raise DatasetError(f"{folder} is a data set of LeRobot, but was not recorded by Thalweg")
@@ -92,10 +93,10 @@ def _read_episode(folder: Path, number: int, flight: dict[str, Any], about: Abou
 
 
 def _again(values: np.ndarray) -> np.ndarray:
-    """Return values [T, ...] with the last one twice [T + 1, ...]."""
+    """Return values [T + 1, ...]: those given [T, ...], with the last one repeated."""
     return np.concatenate([values, values[-1:]])
 
 
 def _with(values: np.ndarray, end: Any) -> np.ndarray:
-    """Return values [T, ...] and one after them [T + 1, ...]."""
+    """Return values [T + 1, ...]: those given [T, ...], followed by `end`."""
     return np.concatenate([values, np.asarray(end, values.dtype)[None]])

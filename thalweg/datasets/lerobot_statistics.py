@@ -1,4 +1,4 @@
-"""Statistics of features as LeRobot keeps them: of each episode, and of all together."""
+"""Statistics of features in LeRobot's format: of each episode, and of all episodes together."""
 
 from typing import Any
 
@@ -6,8 +6,9 @@ import numpy as np
 
 QUANTILES = (0.01, 0.10, 0.50, 0.90, 0.99)
 MOST_PICTURES = 100
-"""Pictures of an episode from which statistics of colours are taken, evenly spaced."""
+"""Greatest number of pictures of an episode, evenly spaced, from which its statistics are computed."""
 Statistics = dict[str, np.ndarray]
+"""Minimum, maximum, mean, standard deviation, count and quantiles of a feature, by their names in LeRobot."""
 
 
 def of_numbers(values: np.ndarray) -> Statistics:
@@ -17,16 +18,18 @@ def of_numbers(values: np.ndarray) -> Statistics:
 
 
 def of_pictures(pictures: np.ndarray) -> Statistics:
-    """Return the statistics of each channel [C, 1, 1] in 0..1, of pictures [T, H, W, C] uint8; the count is that of
-    the pictures they were taken from."""
+    """Return the statistics of each channel [C, 1, 1] in 0..1 of pictures [T, H, W, C] uint8; `count` is the number of
+    pictures that were used."""
     chosen = pictures[np.unique(np.linspace(0, len(pictures) - 1, MOST_PICTURES).astype(int))]
     found = _statistics(chosen.reshape(-1, chosen.shape[-1]) / 255.0, len(chosen))
     return {name: value if name == "count" else value.reshape(-1, 1, 1) for name, value in found.items()}
 
 
 def together(parts: list[Statistics]) -> Statistics:
-    """Return the statistics of several episodes together; quantiles are the means of theirs, weighted by their counts,
-    as LeRobot combines them."""
+    """Return the statistics of several episodes together.
+
+    Quantiles are means of those of the episodes, weighted by count, as LeRobot combines them.
+    """
     count = np.sum([part["count"] for part in parts], axis=0)
     share = np.array([part["count"][0] for part in parts]) / count[0]
     means = np.stack([part["mean"] for part in parts])
@@ -44,7 +47,7 @@ def together(parts: list[Statistics]) -> Statistics:
 
 
 def plain(statistics: dict[str, Statistics]) -> dict[str, Any]:
-    """Return statistics by feature as plain data."""
+    """Return the statistics of all features as plain data."""
     return {key: {name: value.tolist() for name, value in found.items()} for key, found in statistics.items()}
 
 

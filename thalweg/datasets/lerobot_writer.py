@@ -1,7 +1,9 @@
-"""Data sets of LeRobot, version 3.0: colours as PNG or video, mask and classes as PNG, depth as numbers.
+"""Writer of data sets in LeRobot's format, version 3.0.
 
-The files are written by pyarrow and ffmpeg, so that LeRobot, which wants a torch of its own, is not needed. A frame is
-what was seen before a step, with the step and what came of it; what was seen after the last step is not kept.
+Colours are PNG or video, mask and classes PNG, and depth is numbers.
+
+The files are written by pyarrow and ffmpeg; LeRobot, which pins another version of torch, is not needed. A row is what
+was seen before a step, the step, and its reward, costs and reason; images after the last step are not kept.
 """
 
 import io
@@ -21,14 +23,14 @@ from thalweg.datasets.video import write_video
 
 PICTURES = (layout.CAMERA, "mask", "class")
 WITHOUT_STATISTICS = ("depth", "pilot")
-"""Features of which no statistics are kept: a number for each pixel, and text."""
+"""Features without statistics: one has a number for each pixel, the other is text."""
 
 
 class LeRobotWriter:
     """Writes flights to a folder that `lerobot.datasets.lerobot_dataset.LeRobotDataset(NAME, root=folder)` reads."""
 
     def __init__(self, folder: Path, about: About, *, video: bool) -> None:
-        """`folder`: an empty one. `video`: keep the colours as H.264, which loses some; else as PNG, which does not."""
+        """`folder` is empty. `video`: keep the colours as H.264, which is lossy; else as PNG, which is lossless."""
         self._folder, self._about, self._video = folder, about, video
         self._features: dict[str, dict[str, Any]] = {}
         self._tasks: dict[str, int] = {}
@@ -55,7 +57,7 @@ class LeRobotWriter:
         self._flights.append({"task": episode.task, "options": episode.options_of_flight} | _end_of(episode))
 
     def close(self) -> None:
-        """Write what is known when all flights are."""
+        """Write the files about all flights: tables of episodes and tasks, statistics and descriptions."""
         if not self._episodes:
             return
         import pandas
@@ -75,7 +77,7 @@ class LeRobotWriter:
             (self._folder / name).write_text(json.dumps(content, indent=1), encoding="utf-8")
 
     def _columns(self, episode: RecordedEpisode, task: int) -> dict[str, np.ndarray]:
-        """Return the values of each feature [T, ...]; the colours too where they are a video."""
+        """Return the values [T, ...] of each feature, the colours included if they are a video."""
         steps, number = episode.steps, len(self._episodes)
         first = sum(row["length"] for row in self._episodes)
         last = np.arange(steps) == steps - 1
@@ -103,7 +105,7 @@ class LeRobotWriter:
         }
 
     def _write_frames(self, columns: dict[str, np.ndarray], path: Path) -> None:
-        """Write the frames of an episode as a table."""
+        """Write the table of an episode, a row for each step."""
         import pyarrow
         import pyarrow.parquet
 
@@ -112,7 +114,7 @@ class LeRobotWriter:
         pyarrow.parquet.write_table(pyarrow.table(arrays), path, compression="zstd")
 
     def _row(self, number: int, steps: int, sentence: str, place: dict[str, int]) -> dict[str, Any]:
-        """Return what the table of episodes has of one."""
+        """Return the row of an episode in the table of episodes."""
         first = sum(row["length"] for row in self._episodes)
         video: dict[str, Any] = {}
         if self._video:
@@ -134,7 +136,7 @@ class LeRobotWriter:
 
 
 def _episodes_place(number: int) -> dict[str, int]:
-    """Return chunk and file of the table that has the row of an episode."""
+    """Return the indices of chunk and file of the table with the row of an episode."""
     return {"chunk_index": 0, "file_index": number // layout.FILES_PER_CHUNK}
 
 
@@ -150,7 +152,7 @@ def _statistics_of(columns: dict[str, np.ndarray]) -> dict[str, statistics.Stati
 
 
 def _end_of(episode: RecordedEpisode) -> dict[str, Any]:
-    """Return what is known after the last step, which no frame has."""
+    """Return the state after the last step, which no row has."""
     return {
         "terminated": episode.terminated,
         "end_pose": episode.poses[-1].tolist(),
@@ -168,7 +170,7 @@ def _write_table(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def _arrow(values: np.ndarray, feature: dict[str, Any]) -> Any:
-    """Return the values [T, ...] of a feature as a column, in its type."""
+    """Return the values [T, ...] of a feature as a column of its type."""
     import pyarrow
 
     if feature["dtype"] == "image":

@@ -1,6 +1,7 @@
-"""Data sets of Minari: every layer apart and lossless, since Minari's pictures are JPEG of up to three channels.
+"""Writer and reader of data sets in Minari's format, in which each layer is a separate, lossless array.
 
-Minari keeps raw arrays here; HDF5 compresses them without loss, which every reader of HDF5 undoes by itself.
+Minari's own images are JPEG of up to three channels, so that they are not used. HDF5 compresses the arrays without
+loss, and every reader of HDF5 decompresses them.
 """
 
 import json
@@ -18,11 +19,11 @@ from thalweg.datasets.errors import DatasetError
 
 DATA, FILE, META = "data", "main_data.hdf5", "metadata.json"
 KEY = "thalweg"
-"""Key of the meta data, of the data set and of each episode, that holds what only Thalweg knows."""
+"""Key of the metadata, of the data set and of each episode, under which Thalweg keeps what Minari has no place for."""
 NAME = re.compile(r"[-\w]+")
-"""What Minari takes as the name of a data set."""
+"""Names of data sets that Minari takes."""
 CHUNK_STEPS = 1
-"""Observations of a compressed block, so that single ones are read fast."""
+"""Observations in a compressed block; single ones are then read fast."""
 
 
 def check_name(path: Path) -> None:
@@ -34,11 +35,13 @@ def check_name(path: Path) -> None:
 
 
 class MinariWriter:
-    """Writes flights to a folder that `minari.MinariDataset(folder / "data")` reads, and `minari.load_dataset` by the
-    folder's name, where `MINARI_DATASETS_PATH` is its parent."""
+    """Writes flights to a folder that `minari.MinariDataset(folder / "data")` reads.
+
+    `minari.load_dataset` reads it by the folder's name if `MINARI_DATASETS_PATH` is the folder's parent.
+    """
 
     def __init__(self, folder: Path, name: str, about: About) -> None:
-        """`folder`: an empty one; `name`: that of the data set."""
+        """`folder` is empty; `name` is the name of the data set."""
         import minari
 
         self._folder, self._name, self._about = folder / DATA, name, about
@@ -70,7 +73,7 @@ class MinariWriter:
         self._storage.update_episode_metadata([{KEY: json.dumps(about)}], [self._storage.total_episodes - 1])
 
     def close(self) -> None:
-        """Compress the file."""
+        """Compress the file and write its size to the metadata."""
         if self._storage is not None:
             compress(self._folder / FILE)
             self._storage.update_metadata({"dataset_size": round(self._storage.get_size(), 1)})
@@ -113,7 +116,7 @@ def observations_of(episode: RecordedEpisode) -> dict[str, np.ndarray]:
 
 
 def infos_of(episode: RecordedEpisode) -> dict[str, Any]:
-    """Return what `info` tells at the start and after each step [T + 1, ...]."""
+    """Return the values of `info` [T + 1, ...], at the start and after each step; units as in `RecordedEpisode`."""
     return {
         "pose": episode.poses,
         "time_s": episode.times_s,
@@ -134,7 +137,7 @@ def _actions(episode: RecordedEpisode) -> np.ndarray:
 
 
 def compress(path: Path) -> None:
-    """Compress the observations in an HDF5 file, which stay the same to the bit."""
+    """Compress the observations in an HDF5 file without loss."""
     import h5py
 
     draft = path.with_name("compressed.hdf5")
@@ -165,7 +168,7 @@ def is_minari(folder: Path) -> bool:
 
 
 def read_minari(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
-    """Return what a data set says of itself, and its flights.
+    """Return the description of a data set, and an iterator over its flights.
 
     Raises `DatasetError` for a data set that was not recorded by Thalweg, or cannot be read.
     """

@@ -1,4 +1,4 @@
-"""A folder that appears when it is complete: an interrupted recording leaves nothing behind."""
+"""Folders that appear when they are complete: an interrupted recording leaves nothing behind."""
 
 import os
 import secrets
@@ -12,7 +12,7 @@ from thalweg.datasets.errors import DatasetError
 
 
 def check_new(path: Path) -> None:
-    """Raise `DatasetError` for a path at which something is already."""
+    """Raise `DatasetError` unless `path` is free or an empty folder."""
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise DatasetError(f"{path} is there already: name a new folder for the recordings")
 
@@ -21,7 +21,7 @@ def check_new(path: Path) -> None:
 def new_folder(path: Path) -> Iterator[Path]:
     """Yield a temporary folder to write to; when the block ends without an error, it becomes `path`.
 
-    Raises `DatasetError` for a path at which something is already.
+    Raises `DatasetError` unless `path` is free or an empty folder, and `OSError` that names it.
     """
     check_new(path)
     path.parent.mkdir(parents=True, exist_ok=True)

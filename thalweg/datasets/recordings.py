@@ -1,4 +1,4 @@
-"""Recordings by the folder that holds them: the formats that can be written, and flights read from any of them."""
+"""Writing of recordings in a chosen format, and reading in any of them."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -56,7 +56,7 @@ def recording(path: Path, form: Format, about: About, *, video: bool = False) ->
 
 
 def read_recordings(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
-    """Return what the data set in a folder says of itself, and its flights, read one after the other.
+    """Return the description of the data set in a folder, and an iterator that reads its flights one after the other.
 
     Raises `DatasetError` for a folder without a data set, and for one that Thalweg did not record.
     """

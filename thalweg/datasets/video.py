@@ -11,13 +11,13 @@ from thalweg.datasets.errors import DatasetError
 
 CODEC, PIXELS = "libx264", "yuv420p"
 CRF = 18
-"""Constant rate factor of H.264, at which differences are hardly seen."""
+"""Constant rate factor of H.264, low enough that losses are hardly visible."""
 KEY_EVERY = 2
 """Frames between two key frames, so that single frames are read fast."""
 
 
 def write_video(path: Path, frames: np.ndarray, fps: int) -> None:
-    """Write frames [T, H, W, 3] uint8; raises `DatasetError` for an odd height or width, which the format has not."""
+    """Write frames [T, H, W, 3] uint8, `fps` a second; raises `DatasetError` for an odd height or width."""
     height, width = frames.shape[1:3]
     if height % 2 or width % 2:
         raise DatasetError(f"a video needs an even height and width, not {height} x {width}: record without --video")
@@ -32,7 +32,7 @@ def write_video(path: Path, frames: np.ndarray, fps: int) -> None:
 
 
 def read_video(path: Path) -> Iterator[np.ndarray]:
-    """Yield the frames [H, W, 3] uint8 of a video; raises `DatasetError` for a file that is none."""
+    """Yield the frames [H, W, 3] uint8 of a video; raises `DatasetError` for a file that is no video."""
     reader = imageio_ffmpeg.read_frames(str(path))
     try:
         about: Any = next(reader)
@@ -47,7 +47,7 @@ def read_video(path: Path) -> Iterator[np.ndarray]:
 
 
 def about_video(frames: tuple[int, int], fps: int) -> dict[str, Any]:
-    """Return what the meta data of LeRobot say of a video of the size H, W."""
+    """Return LeRobot's metadata of a video; `frames` is H and W."""
     return {
         "video.height": frames[0],
         "video.width": frames[1],

@@ -1,1 +1,1 @@
-"""Policies outside the simulator: one ONNX file with all that a policy needs, and its player."""
+"""Policies outside the simulator: export to one ONNX file, its player, and overlays of videos."""

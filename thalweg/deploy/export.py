@@ -1,6 +1,6 @@
 """Export of a policy to one ONNX file: encoder, memory, preprocessing and the choice of actions.
 
-An export is compared with the policy itself on random sights before it is written.
+An export is compared with its policy on random images before it is written.
 """
 
 import json
@@ -33,7 +33,7 @@ from thalweg.train.observations import IMAGES, PRIVILEGED, feels, observation_of
 from thalweg.train.river import load_compatible_encoder
 
 FORMAT = 1
-"""Version of what a file says of itself."""
+"""Version of the metadata of a file."""
 OPTIONS = (
     ("up", "none", "down"),
     ("turn left", "none", "turn right"),
@@ -42,10 +42,11 @@ OPTIONS = (
 )
 """What each option of each branch does; in a task with a fast step, `backward` is a fast step forward."""
 OPSET = 18
+"""Version of ONNX's operators."""
 CHECKED_STEPS, CHECKED_FLIGHTS = 6, 3
+"""Steps, and vehicles, of the comparison of an export with its policy."""
 TOLERANCE = 1e-4
-"""Greatest difference of the network's outputs, as a share of the greatest output or of 1; encoders of two machines
-differ by as much."""
+"""Greatest difference of log-probabilities, as a share of the greatest of them, or of 1 if that is less."""
 
 
 @dataclass(frozen=True)
@@ -55,15 +56,16 @@ class Exportable:
     policy: Policy
     encoder: Encoder | None
     sees: str
-    """`rgb+mask`, `rgb` or `mask`."""
+    """Images that the policy or its encoder takes: `rgb+mask`, `rgb` or `mask`."""
     inputs: tuple[str, ...]
     """Names of the inputs, see `ExportedNetwork`."""
 
     @classmethod
     def of(cls, policy: Any, encoder: Encoder | None = None) -> "Exportable":
-        """Check that a policy can be exported faithfully; `encoder` is by default that of its training.
+        """Return a policy with what its export needs; `encoder` is by default that of its training.
 
-        Raises `ExportError`, which says what stands against it, and the errors of its encoder.
+        Raises `ExportError` for a policy that cannot be exported faithfully, with the reason, and the errors of
+        `load_compatible_encoder`.
         """
         _check(policy)
         seen = observation_of(policy)
@@ -100,7 +102,7 @@ class Exportable:
         return Camera(**{**asdict(camera), "height_px": height, "width_px": width})
 
     def examples(self, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
-        """Return random inputs of `count` vehicles, some of which begin a flight."""
+        """Return random inputs by name, as in `ExportedNetwork`, of `count` vehicles, some of which begin a flight."""
         camera, policy = self.camera, self.policy
         size = count, camera.height_px, camera.width_px
         every: dict[str, Any] = {
@@ -139,16 +141,16 @@ def _check(policy: Any) -> None:
 def export_policy(
     policy: Any, path: Path, *, encoder: Encoder | None = None, source: Path | None = None, name: str = ""
 ) -> dict[str, Any]:
-    """Write a policy as an ONNX file, and return what the file says of itself.
+    """Write a policy as an ONNX file, and return the metadata of the file.
 
     Args:
         policy: The policy.
         path: File to write, atomically.
-        encoder: Its encoder; by default that of its training.
-        source: The policy's file, whose hash the export keeps.
-        name: Name of the policy for people.
+        encoder: The policy's encoder; by default that of its training. Policies of images have none.
+        source: The policy's file, whose hash is written to the metadata.
+        name: Name of the policy for readers.
 
-    Raises `ExportError` for a policy that cannot be exported faithfully, also if the written network acts otherwise.
+    Raises the errors of `Exportable.of`, and `ExportError` if the exported network differs from the policy.
     """
     import onnx
 
@@ -195,7 +197,7 @@ def _program(chosen: Exportable) -> Any:
 
 
 def _about(chosen: Exportable, source: Path | None, name: str) -> dict[str, Any]:
-    """Return what the file says of itself, as plain data."""
+    """Return the metadata of the file as plain data."""
     policy, camera = chosen.policy, chosen.camera
     context = context_of(policy)
     return {
@@ -226,7 +228,7 @@ def _about(chosen: Exportable, source: Path | None, name: str) -> dict[str, Any]
 
 
 def _compare(chosen: Exportable, exported: OnnxPolicy) -> None:
-    """Raise `ExportError` if a file acts otherwise than its policy in short flights of random sights."""
+    """Raise `ExportError` if a file and its policy differ in a few steps of random images."""
     rng = np.random.default_rng(1)
     player = chosen.policy.player(CHECKED_FLIGHTS, deterministic=True)
     flights = exported.player(CHECKED_FLIGHTS)
@@ -248,7 +250,7 @@ def _compare(chosen: Exportable, exported: OnnxPolicy) -> None:
 
 
 def _observed(chosen: Exportable, seen: dict[str, np.ndarray]) -> np.ndarray:
-    """Return what the policy takes of what is seen."""
+    """Return the policy's observations of images and proprioception: frames [N, H, W, C], or codes [N, Z + P]."""
     parts = [seen["image"]] if "image" in seen else []
     parts += [seen["mask"][..., None]] if "mask" in seen else []
     frames = np.concatenate(parts, axis=-1)
@@ -259,12 +261,12 @@ def _observed(chosen: Exportable, seen: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _log_probs(outputs: np.ndarray, policy: Policy) -> np.ndarray:
-    """Return the logarithmic probabilities [N, A, K] of outputs [N, A K] of a network."""
+    """Return the log-probabilities [N, A, K] of K options of A branches, from outputs [N, A K] of the network."""
     logits = torch.from_numpy(outputs) / policy.temperature
     return policy.actions.distribution(logits).log_p.numpy()  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def _is_tie(log_probs: np.ndarray, one: np.ndarray, other: np.ndarray) -> bool:
-    """Return whether two choices [N, A] of options are as probable, within rounding."""
+    """Return whether two choices [N, A] of options are equally probable, within `TOLERANCE`."""
     first, second = (np.take_along_axis(log_probs, each[..., None], -1) for each in (one, other))
     return bool(np.abs(first - second).max() < TOLERANCE)

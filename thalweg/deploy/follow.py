@@ -1,7 +1,6 @@
-"""A policy over a video: water found in each frame, what the policy sees and does, drawn as an overlay.
+"""Overlays of videos: the water that is found in each frame, and the move that a policy chooses.
 
-Nothing moves by what the policy does: the camera flies as it flew. The policy sees the middle of each frame, cut to the
-shape of its camera.
+The policy has no effect on the video. It sees the middle of each frame, cut to the shape of its camera.
 """
 
 from collections.abc import Iterator
@@ -19,7 +18,7 @@ from thalweg.encoder.water import WaterSegmenter, water_in
 from thalweg.env.config import DEFAULT_CONFIG
 
 VIEW_PX, PANEL_PX, MARGIN_PX = 384, 176, 16
-"""Sides of the frame and of the panels beside it."""
+"""Sides of the frame and of the panel beside it, and the margin around them, in pixels."""
 WATER_RGB, SHADE = (40, 120, 255), 0.45
 TEXT, QUIET, BACKGROUND = (235, 235, 235), (110, 118, 126), (24, 28, 32)
 LINE_PX = 22
@@ -29,8 +28,11 @@ class Follower:
     """A policy that sees the frames of a video one after the other."""
 
     def __init__(self, policy: Any, segmenter: WaterSegmenter | None = None) -> None:
-        """Raises `ExportError` for a policy that sees no frames, or takes more, and for one of masks without a
-        `segmenter`."""
+        """Prepare a policy; `segmenter` finds the water for the mask.
+
+        Raises the errors of `Exportable.of`, and `ExportError` for a policy that takes proprioception, or masks without
+        a `segmenter`.
+        """
         self.chosen = chosen = Exportable.of(policy)
         if "proprioception" in chosen.inputs:
             raise ExportError("the policy takes proprioception, which a video does not have")
@@ -43,8 +45,10 @@ class Follower:
         self._fresh = True
 
     def __call__(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return what is seen of a frame [H', W', 3] uint8: colours [H, W, 3] and the water mask [H, W] uint8, None
-        without a segmenter; and the options int64 [4] of the policy's move."""
+        """Return colours [H, W, 3] uint8, options int64 [4] and water mask [H, W] uint8 of a frame [H', W', 3] uint8.
+
+        H and W are those of the policy's camera. The mask is None without a segmenter.
+        """
         colours = cut_to(frame, self.size_px)
         mask = None
         if self.segmenter is not None:
@@ -71,7 +75,7 @@ def cut_to(frame: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
 
 
 def read_steps(path: Path, step_s: float = DEFAULT_CONFIG.step_s) -> Iterator[np.ndarray]:
-    """Yield the frames [H, W, 3] uint8 of a video that are a step apart, or all of a slower one.
+    """Yield frames [H, W, 3] uint8 of a video that are about `step_s` seconds apart; all frames of a slower one.
 
     Raises `ExportError` for a file that is no video, and `FileNotFoundError`.
     """
@@ -92,7 +96,15 @@ def read_steps(path: Path, step_s: float = DEFAULT_CONFIG.step_s) -> Iterator[np
 
 
 def overlay(colours: np.ndarray, options: np.ndarray, mask: np.ndarray | None, title: str, step: int) -> np.ndarray:
-    """Return one picture [H, W, 3] uint8 of what is seen, the water in it, and the policy's move."""
+    """Return the overlay [h, w, 3] uint8 of one step.
+
+    Args:
+        colours: [H, W, 3] uint8.
+        options: int64 [4], the policy's move.
+        mask: [H, W] uint8, above 0 where water was found; None to show none.
+        title: Name of the policy.
+        step: Number of the step, from 1.
+    """
     height = VIEW_PX + 2 * MARGIN_PX
     canvas = Image.new("RGB", (VIEW_PX + PANEL_PX + 3 * MARGIN_PX, height), BACKGROUND)
     shaded = colours.astype(np.float32)
@@ -114,7 +126,7 @@ def overlay(colours: np.ndarray, options: np.ndarray, mask: np.ndarray | None, t
 
 
 def follow(video: Path, path: Path, follower: Follower, title: str) -> np.ndarray:
-    """Write the overlay of a video as H.264, atomically, and return the options int64 [T, 4] of all moves.
+    """Write the overlay of a video as H.264, atomically, and return the options int64 [T, 4] of the T moves.
 
     Raises the errors of `read_steps`, and `ExportError` for a video without a frame.
     """

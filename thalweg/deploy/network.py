@@ -1,6 +1,7 @@
 """The network of an exported policy as plain operations: preprocessing, encoder, memory and the choice of actions.
 
-Letters: N vehicles, H, W pixels, Z numbers of a code, P of proprioception, M of the memory, A branches of an action.
+Letters: N vehicles, C channels, H, W pixels, Z numbers of a code, P of proprioception, D features, M numbers of the
+memory, A branches of an action, K outputs: the logits of all options.
 """
 
 import torch
@@ -20,7 +21,7 @@ from thalweg.encoder.vae import LEAK
 
 
 class CodeLayers(nn.Module):
-    """Pixels [N, C, H, W] float32 in 0..255 to codes [N, Z], as a frozen encoder makes them in float32."""
+    """Codes [N, Z] of pixels [N, C, H, W] float32 in 0..255, as an encoder with folded normalisation computes them."""
 
     def __init__(self, encoder: Encoder) -> None:
         super().__init__()
@@ -34,7 +35,7 @@ class CodeLayers(nn.Module):
 
 
 class EyeLayers(nn.Module):
-    """Pixels [N, C, H, W] float32 in 0..255 and last options [N, A] to features, see `Convolutions.forward`."""
+    """Features [N, D] of pixels [N, C, H, W] float32 in 0..255 and last options [N, A], see `Convolutions.forward`."""
 
     def __init__(self, eyes: Convolutions) -> None:
         super().__init__()
@@ -47,7 +48,7 @@ class EyeLayers(nn.Module):
 
 
 class Scaling(nn.Module):
-    """Observations [N, D] in standard deviations, see `Normaliser`."""
+    """Normalised observations [N, D], in standard deviations from the mean, see `Normaliser`."""
 
     shift: Tensor
     scale: Tensor
@@ -64,7 +65,7 @@ class Scaling(nn.Module):
 
 
 class MemoryCell(nn.Module):
-    """The memory [N, M] after features [N, D], as `Gru.step` computes it."""
+    """The next memory [N, M] from features [N, D] and the memory, as `Gru.step` computes it."""
 
     def __init__(self, gru: Gru) -> None:
         super().__init__()
@@ -79,7 +80,7 @@ class MemoryCell(nn.Module):
 
 
 class Choice(nn.Module):
-    """The most probable action [N, A], and the network's outputs, from features [N, E]."""
+    """The most probable options [N, A], and the outputs [N, K], from features [N, D] or [N, D + M]."""
 
     def __init__(self, policy: Policy) -> None:
         super().__init__()
@@ -97,16 +98,17 @@ class Choice(nn.Module):
 
 
 def most_probable(outputs: Tensor, actions: Actions) -> Tensor:
-    """Return the most probable options [N, A] of discrete actions, from a network's outputs [N, P]."""
+    """Return the most probable options [N, A] of discrete actions, from a network's outputs [N, K]."""
     return torch.stack([branch.argmax(-1) for branch in outputs.split(list(actions.sizes), -1)], -1)
 
 
 class ExportedNetwork(nn.Module):
-    """What an exported file computes.
+    """The computation of an exported file.
 
-    Inputs, of which a policy has those that it needs, in this order: `image` uint8 [N, H, W, 3]; `mask` uint8
+    Inputs, of which a policy takes those that it needs, in this order: `image` uint8 [N, H, W, 3]; `mask` uint8
     [N, H, W]; `proprioception` float32 [N, P]; `fresh` bool [N], true where a flight begins; `memory` float32 [N, M];
-    `last_action` int64 [N, A]. Outputs: `action` int64 [N, A], `outputs` float32 [N, P], `next_memory`.
+    `last_action` int64 [N, A]. Outputs: `action` int64 [N, A], `outputs` float32 [N, K] and, with a
+    memory, `next_memory` float32 [N, M].
     """
 
     def __init__(self, policy: Policy, encoder: Encoder | None, inputs: tuple[str, ...]) -> None:
@@ -132,7 +134,7 @@ class ExportedNetwork(nn.Module):
         return action, outputs, *following
 
     def _features(self, of: dict[str, Tensor]) -> Tensor:
-        """Return what comes before the memory [N, D]."""
+        """Return the features [N, D] that the memory and the choice take."""
         parts = [of["image"]] if "image" in of else []
         parts += [of["mask"].unsqueeze(-1)] if "mask" in of else []
         pixels = torch.cat(parts, -1).permute(0, 3, 1, 2).float()

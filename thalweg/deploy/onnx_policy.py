@@ -1,4 +1,4 @@
-"""Exported policies run by ONNX Runtime; PyTorch is not needed."""
+"""Player of exported policies by ONNX Runtime; PyTorch is not needed."""
 
 import json
 from pathlib import Path
@@ -9,9 +9,9 @@ import numpy as np
 from thalweg.deploy.errors import ExportError
 
 KEY = "thalweg"
-"""Key of a file's metadata that holds what it says of itself."""
+"""Key of the JSON text in a file's metadata."""
 NO_ACTION = -1
-"""Stands for the last option at the beginning of a flight."""
+"""The last option at the beginning of a flight, where there is none."""
 
 
 class OnnxPolicy:
@@ -20,11 +20,14 @@ class OnnxPolicy:
     def __init__(self, session: Any, about: dict[str, Any]) -> None:
         self._session, self.about = session, about
         self.inputs: list[str] = about["inputs"]
-        """Names of what it takes."""
+        """Names of its inputs, see `thalweg.deploy.network.ExportedNetwork`."""
 
     @classmethod
     def load(cls, path: str | Path, threads: int = 1) -> "OnnxPolicy":
-        """Return the policy of a file, on the CPU; raises `ExportError` for another file, and `OSError` for none."""
+        """Return the policy of a file, to run on the CPU.
+
+        Raises `ExportError` for a file that `thalweg export` did not write, and `OSError` if it cannot be opened.
+        """
         import onnxruntime
 
         options = onnxruntime.SessionOptions()
@@ -43,12 +46,12 @@ class OnnxPolicy:
         return dict(zip(names, self._session.run(names, given), strict=True))
 
     def player(self, count: int = 1) -> "OnnxPlayer":
-        """Return a player of `count` vehicles, with their memories."""
+        """Return a player for `count` vehicles."""
         return OnnxPlayer(self, count)
 
 
 class OnnxPlayer:
-    """An exported policy in N vehicles, with the memory of their flights."""
+    """An exported policy that flies N vehicles; it keeps their memories and last options."""
 
     def __init__(self, policy: OnnxPolicy, count: int) -> None:
         self.policy = policy
@@ -56,9 +59,9 @@ class OnnxPlayer:
         self._memory = np.zeros((count, policy.about["memory"]), np.float32)
         branches = len(policy.about["actions"])
         self.last = np.full((count, branches), NO_ACTION) if "last_action" in policy.inputs else None
-        """[N, A] options that were taken last; None for a policy that does not look at them."""
+        """[N, A] options that were taken last; None for a policy that does not take them."""
         self.outputs: np.ndarray = np.zeros((count, 0), np.float32)
-        """[N, P] the network's outputs for the last sights: logits of the options of all branches."""
+        """[N, K] outputs of the last step: logits of the options of all branches."""
 
     def __call__(
         self,
@@ -73,9 +76,9 @@ class OnnxPlayer:
             image: uint8 [N, H, W, 3], sRGB.
             mask: uint8 [N, H, W], 255 where water is seen.
             proprioception: float32 [N, P], see `thalweg.env.task.proprioception`.
-            fresh: bool [N], whether a flight begins; by default at the first call.
+            fresh: bool [N], whether a flight begins; by default true at the first call only.
 
-        What the policy does not take is left out. Raises `ExportError` where something that it takes is missing.
+        Inputs that the policy does not take are ignored. Raises `ExportError` if one that it takes is missing.
         """
         seen = {"image": image, "mask": mask, "proprioception": proprioception}
         state = {"memory": self._memory, "last_action": self.last, "fresh": self._fresh if fresh is None else fresh}

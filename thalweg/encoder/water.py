@@ -1,7 +1,7 @@
 """U-Net that finds water in colours, and its file.
 
-The network is a U-Net [Ronneberger et al. 2015, https://arxiv.org/abs/1505.04597] on blocks of 2 x 2 pixels: water
-mirrors sky and trees, so what a pixel is can only be told from far around it.
+The network is a U-Net [Ronneberger et al. 2015, https://arxiv.org/abs/1505.04597] on blocks of 2 x 2 pixels. Water
+mirrors sky and trees, so that a pixel can be classified only from a large area around it.
 """
 
 from pathlib import Path
@@ -18,12 +18,12 @@ from thalweg.encoder.vae import EncoderInputError
 BLOCK = 2
 """Side in pixels of the blocks that are the network's first layer."""
 WIDTHS = (24, 48, 64, 96)
-"""Channels, from blocks of 2 x 2 pixels to those of 16 x 16."""
+"""Channels of each level, from blocks of 2 x 2 pixels to those of 16 x 16."""
 SIDES = BLOCK * 2 ** (len(WIDTHS) - 1)
 """The sides of an image must be multiples of this number of pixels."""
 KIND = "finder of water"
 PACKAGED_WATER = Path(__file__).with_name("water.safetensors")
-"""The network that comes with the package, which was trained on frames under all looks."""
+"""File of the network that comes with the package; it was trained on frames under all looks."""
 
 
 class WaterSegmenter(nn.Module):
@@ -56,7 +56,7 @@ def _block(before: int, after: int) -> nn.Sequential:
 
 
 def save_segmenter(path: Path, segmenter: WaterSegmenter, about: dict[str, Any] | None = None) -> None:
-    """Write a segmenter to a file, atomically, in half precision if `about` says how it was trained."""
+    """Write a segmenter to a file, atomically; with `about`, the record of its training, in half precision."""
     tensors = segmenter.state_dict()
     if about is not None:
         tensors = {name: value.half() if value.is_floating_point() else value for name, value in tensors.items()}
@@ -86,7 +86,10 @@ def water_in(segmenter: WaterSegmenter, colours: np.ndarray) -> np.ndarray:
 
 
 def mean_iou(found: np.ndarray, truth: np.ndarray) -> float:
-    """Return the mean over images of the IoU of two masks, bool [K, H, W]; raises `EncoderInputError` for others."""
+    """Return the mean over images of the IoU of two masks, bool [K, H, W]; without water in either it is 1.
+
+    Raises `EncoderInputError` for masks of other shapes or types.
+    """
     if found.shape != truth.shape or found.ndim != 3 or found.dtype != bool or truth.dtype != bool:
         kinds = " and ".join(f"{mask.dtype} {list(mask.shape)}" for mask in (found, truth))
         raise EncoderInputError(f"masks must be bool [K, H, W], both, not {kinds}")
@@ -95,6 +98,6 @@ def mean_iou(found: np.ndarray, truth: np.ndarray) -> float:
 
 
 def colours_of(images: np.ndarray) -> Tensor:
-    """Return [N, 3, H, W] in 0..1 of images [N, H, W, 3 or more], uint8 or 0..1."""
+    """Return colours float32 [N, 3, H, W] in 0..1 of images [N, H, W, 3 or more], uint8 or 0..1."""
     colours = torch.from_numpy(np.ascontiguousarray(images[..., :3])).permute(0, 3, 1, 2)
     return colours.float() / 255 if colours.dtype == torch.uint8 else colours.float()

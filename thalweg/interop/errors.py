@@ -2,9 +2,9 @@
 
 
 class InteropError(ValueError):
-    """An adapter was given what it, or its library, cannot carry; the message names it and what would do."""
+    """An option or a value that an adapter or its library cannot take; the message names it and what would be right."""
 
 
 def not_installed(error: ModuleNotFoundError, library: str, install: str) -> ModuleNotFoundError:
-    """Return an error that says how to install the library of an adapter, in place of that of a failed import."""
+    """Return an error that says how to install `library`, to raise in place of the error of its failed import."""
     return ModuleNotFoundError(f"{library} is not installed ({error}); {install}", name=error.name, path=error.path)

@@ -1,4 +1,7 @@
-"""Codes of an encoder as observations of single environments; `thalweg.train.LatentVectorEnv` is for many."""
+"""Wrapper of single environments whose observations become codes of an encoder.
+
+`thalweg.train.LatentVectorEnv` does the same for many environments.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -17,12 +20,11 @@ class LatentEnv(gymnasium.ObservationWrapper, RecordConstructorArgs):
     """An environment whose observations are codes float32 [Z] of its frames.
 
     With P numbers beside its frames, as in `observation="rgb,mask,proprioception"`, they are [Z + P]: codes, then the
-    numbers as they are. Values are those of `LatentVectorEnv`, to the bit.
+    numbers as they are. Values are those of `LatentVectorEnv`, bit by bit.
     """
 
     def __init__(self, env: gymnasium.Env, encoder: FrameEncoder | str | Path | None = None) -> None:
-        """Wrap an environment; `encoder` is one, or what `thalweg.encoder.load_encoder` takes, by default that of the
-        package.
+        """Wrap an environment; `encoder` is an encoder or an argument of `thalweg.encoder.load_encoder`.
 
         Raises `InteropError` for observations without an image, and `EncoderInputError` for images that the encoder
         does not take.

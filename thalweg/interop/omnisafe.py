@@ -1,7 +1,7 @@
-"""OmniSafe: Thalweg's ids as environments of its algorithms. Importing this module registers them there.
+"""Adapter for OmniSafe: importing this module registers Thalweg's ids as its environments.
 
-OmniSafe sees vectors and takes continuous actions. Its Gaussian policies may leave the range of the actions, to which
-they are clipped here, as Safety-Gymnasium does.
+OmniSafe's policies see vectors and take continuous actions. Gaussian policies may leave the range of the actions; the
+adapter clips them, as Safety-Gymnasium does.
 """
 
 from pathlib import Path
@@ -24,18 +24,18 @@ except ModuleNotFoundError as error:
 IDS = tuple(name for name in gymnasium.registry if name.startswith("thalweg/"))
 """Ids of Gymnasium that the package has registered."""
 PRIVILEGED, IMAGES = "privileged", "rgb+mask"
-"""What is observed without an encoder, and with one."""
+"""Default observation without an encoder, and with one."""
 _REGISTERED: dict[str, tuple[str, dict[str, Any]]] = {}
 """Id of Gymnasium and options of each id that was registered here."""
 
 
 @env_register
 class RiverCMDP(CMDP):
-    """One environment, or N over the native vector environment.
+    """One environment, or N over the native vector environment, as a `CMDP` of OmniSafe.
 
     Its options are those of `gymnasium.make`, or of `gymnasium.make_vec` for more than one, and `encoder`: the name or
-    the file of an encoder whose codes are observations. Without one, the privileged observation is. `register` gives an
-    id to some options; few algorithms of OmniSafe take them as `env_cfgs`.
+    the file of an encoder whose codes are observations. Without an encoder, the privileged observation is used.
+    `register` gives an id to some options, since few algorithms of OmniSafe take them as `env_cfgs`.
     """
 
     _support_envs: ClassVar[list[str]] = [*IDS]
@@ -50,7 +50,7 @@ class RiverCMDP(CMDP):
         encoder: str | Path | None = None,
         **options: Any,
     ) -> None:
-        """Create the environments; raises `InteropError` for observations or actions that OmniSafe cannot carry."""
+        """Create the environments; raises `InteropError` for observations or actions that OmniSafe cannot take."""
         super().__init__(env_id)
         if env_id in _REGISTERED:
             env_id, given = _REGISTERED[env_id]
@@ -68,7 +68,7 @@ class RiverCMDP(CMDP):
 
     @property
     def max_episode_steps(self) -> int | None:
-        """Step limit of an episode that was set; None for that of the river."""
+        """Step limit of an episode, if `max_steps` was set; None for the default limit of the river."""
         env = self._env.unwrapped
         return (env if self._num_envs > 1 else env.vector).config.max_steps
 
@@ -94,11 +94,11 @@ class RiverCMDP(CMDP):
         return self._tensor(obs), info
 
     def set_seed(self, seed: int) -> None:
-        """Seed the environments, of which environment i gets `seed` + i."""
+        """Start new episodes, of which that of environment i has the seed `seed` + i."""
         self.reset(seed=seed)
 
     def render(self) -> Any:
-        """Return the frame of the current state, of many environments a tuple of frames."""
+        """Return the frame of the current state [H, W, 3] uint8; for many environments a tuple of them."""
         return self._env.render()
 
     def close(self) -> None:

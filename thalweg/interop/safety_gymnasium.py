@@ -1,7 +1,7 @@
-"""Safety-Gymnasium's interface: steps return six values, of which the third is the cost.
+"""Adapter with the interface of Safety-Gymnasium: steps return six values, of which the third is the cost.
 
-Its package is not needed, and version 1.0.0 of it cannot be imported beside Gymnasium 1. What was written for its
-environments, such as SafePO, takes these.
+The package itself is not needed; its version 1.0.0 cannot be imported beside Gymnasium 1. The interface is that which
+learners such as SafePO expect; they are not tested here.
 """
 
 from typing import Any
@@ -34,7 +34,7 @@ class SafetyEnv(gymnasium.Wrapper, RecordConstructorArgs):
         gymnasium.Wrapper.__init__(self, env)
 
     def step(self, action: Any) -> tuple[Any, float, float, bool, bool, dict[str, Any]]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Take one action; raises `InteropError` if the environment tells no cost."""
+        """Take one action; raises `InteropError` if `info` has no `cost`."""
         obs, reward, terminated, truncated, info = self.env.step(action)
         return obs, float(reward), float(_cost_of(info)), terminated, truncated, info
 
@@ -42,9 +42,9 @@ class SafetyEnv(gymnasium.Wrapper, RecordConstructorArgs):
 class SafetyVectorEnv(VectorWrapper):
     """N environments whose `step` returns observations, rewards, costs [N], terminated, truncated and info.
 
-    Episodes begin in the step in which others end. As in Safety-Gymnasium, `final_observation` [N] then has the last
-    observation, and `final_info` [N] the info, of each episode that ended, and None for the others. Their masks are
-    `_final_observation` and `_final_info` [N]. The keys are absent where no episode ended.
+    A new episode begins in the step in which one ends (SAME_STEP). As in Safety-Gymnasium, `final_observation` [N] then
+    has the last observation, and `final_info` [N] the info, of each episode that ended, and None for the others. Their
+    masks are `_final_observation` and `_final_info` [N]. The keys are absent where no episode ended.
     """
 
     def __init__(self, env: VectorEnv) -> None:
@@ -53,7 +53,7 @@ class SafetyVectorEnv(VectorWrapper):
         super().__init__(env)
 
     def step(self, actions: Any) -> tuple[Any, Any, np.ndarray, Any, Any, dict[str, Any]]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Take one action per environment; raises `InteropError` if the environments tell no cost."""
+        """Take one action per environment; raises `InteropError` if `info` has no `cost`."""
         obs, reward, terminated, truncated, info = self.env.step(actions)
         cost = np.asarray(_cost_of(info), dtype=np.float64)
         if "final_obs" in info:

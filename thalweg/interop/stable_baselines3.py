@@ -1,4 +1,4 @@
-"""Stable-Baselines3: its `VecEnv` over a native vector environment, which draws all frames in one call.
+"""Adapter for Stable-Baselines3: a `VecEnv` over the native vector environment, which draws all frames in one call.
 
 Single environments need no adapter: `PPO("CnnPolicy", gymnasium.make("thalweg/Easy-v0", observation="rgb"))` runs.
 """
@@ -20,9 +20,9 @@ except ModuleNotFoundError as error:
     raise not_installed(error, "Stable-Baselines3", "pip install 'thalweg[sb3]' installs it") from error
 
 SHARED = ("render_mode", "spec", "metadata", "config", "camera", "cost_kinds", "done_reasons", "river_names")
-"""Attributes that all environments have in common, which `RiverVecEnv.get_attr` tells."""
+"""Attributes that all environments have in common, which `RiverVecEnv.get_attr` returns."""
 Indices = int | Iterable[int] | None
-"""Environments that a call is about; None for all."""
+"""Indices of the environments that a call concerns; None for all."""
 
 
 def make_vec_env(
@@ -43,6 +43,8 @@ def make_vec_env(
         encoder: an encoder that comes with the package, or a file: observations are its codes, float32 [N, Z].
         monitor_file: where the monitor writes return, length and last cost of each episode; nowhere by default.
         options: those of `gymnasium.make_vec` for the id.
+
+    Raises the errors of `RiverVecEnv`, of the id's options, and of the encoder.
     """
     envs = gymnasium.make_vec(env_id, num_envs=n_envs, **options)
     if encoder is not None:
@@ -58,8 +60,8 @@ def make_vec_env(
 class RiverVecEnv(VecEnv):
     """A `VecEnv` over a Gymnasium vector environment of SAME_STEP, such as the native one.
 
-    `infos[i]` is what a single environment tells, with `terminal_observation` and `TimeLimit.truncated` as
-    Stable-Baselines3 defines them; `cost` is among it. Rewards are float32, as in all its environments.
+    `infos[i]` is the info of a single environment, `cost` included, with `terminal_observation` and
+    `TimeLimit.truncated` as Stable-Baselines3 defines them. Rewards are float32, as in all its environments.
     """
 
     def __init__(self, envs: VectorEnv) -> None:
@@ -73,7 +75,10 @@ class RiverVecEnv(VecEnv):
 
     def reset(self) -> Any:
         """Start new episodes in all environments, with the seeds and options that were set; returns observations
-        [N, ...]."""
+        [N, ...].
+
+        Raises `InteropError` if an option was set for some environments only.
+        """
         obs, info = self.envs.reset(seed=self._seeds, options=self._reset_options_of_all())
         self.reset_infos = info_of_each(info, self.num_envs)
         self._reset_seeds()
@@ -81,7 +86,7 @@ class RiverVecEnv(VecEnv):
         return obs
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Take note of the actions [N, ...] of the next `step_wait`."""
+        """Store the actions [N, ...] for the next `step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
@@ -92,7 +97,7 @@ class RiverVecEnv(VecEnv):
             told["TimeLimit.truncated"] = bool(truncated[row] and not terminated[row])
         for row in np.flatnonzero(terminated | truncated):
             infos[row]["terminal_observation"] = info["final_obs"][row]
-            self.reset_infos[row] = {}  # in a step, a vector environment tells only of the action
+            self.reset_infos[row] = {}  # a step's info has nothing of the reset
         return obs, reward.astype(np.float32), terminated | truncated, infos
 
     def close(self) -> None:
@@ -100,7 +105,7 @@ class RiverVecEnv(VecEnv):
         self.envs.close()
 
     def get_images(self) -> Sequence[np.ndarray | None]:
-        """Return the frames of all environments, N of [H, W, 3] uint8; None each without a render mode."""
+        """Return N frames [H, W, 3] uint8, or N times None without a render mode."""
         frames: Any = self.envs.render()
         return [None] * self.num_envs if frames is None else list(frames)
 
@@ -135,12 +140,14 @@ class RiverVecEnv(VecEnv):
         return [actions[row] for row in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Indices = None) -> list[bool]:
-        """Return False for each environment: wrappers of single environments are for those."""
+        """Return False for each environment: wrappers of single environments cannot be applied here."""
         return [False for _ in self._get_indices(indices)]
 
     def _reset_options_of_all(self) -> dict[str, Any] | None:
-        """Return the options of the next reset for all environments at once; raises `InteropError` if some have other
-        keys than others."""
+        """Return the options of the next reset, for all environments at once, or None.
+
+        Raises `InteropError` if their keys differ between environments.
+        """
         keys = {key for options in self._options for key in options or {}}
         for key in keys:
             lacking = [row for row, options in enumerate(self._options) if key not in (options or {})]

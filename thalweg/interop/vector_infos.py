@@ -1,4 +1,4 @@
-"""What adapters read of vector environments: their autoreset mode, and the info of each of their environments."""
+"""Functions on vector environments that adapters share: check of the autoreset mode, and info of each environment."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,11 +9,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from thalweg.interop.errors import InteropError
 
 FINAL = ("final_obs", "final_info")
-"""Keys of what belongs to the last state of episodes that ended."""
+"""Keys of an info for the last states of episodes that ended."""
 
 
 def check_same_step(envs: VectorEnv, adapter: str) -> None:
-    """Raise `InteropError` unless episodes begin in the step in which others end, Gymnasium's SAME_STEP."""
+    """Raise `InteropError` unless a new episode begins in the step in which one ends, Gymnasium's SAME_STEP."""
     mode = envs.metadata.get("autoreset_mode")
     if mode != AutoresetMode.SAME_STEP:
         raise InteropError(
@@ -25,7 +25,7 @@ def check_same_step(envs: VectorEnv, adapter: str) -> None:
 def info_of_each(info: Mapping[str, Any], num_envs: int) -> list[dict[str, Any]]:
     """Return the info of each environment, without masks and the `FINAL` keys.
 
-    An environment has a key if the mask of the key, where there is one, says so. Where an episode ended, the values are
+    An environment has a key unless the mask of the key excludes it. Where an episode ended, the values are
     those of `final_info`, which belong to its last state.
     """
     each = [{} for _ in range(num_envs)]

@@ -9,12 +9,13 @@ from thalweg.core.atomic_io import write_atomic, write_picture
 from thalweg.render.renderer import Frame
 
 POSES = "poses.csv"
+"""Name of the table of poses."""
 DEPTH_PER_M = 100.0
-"""Depth is kept in centimetres, as 16 bits."""
+"""Units of stored depths in a metre: they are centimetres, of 16 bits."""
 FARTHEST = 65_534
-"""What is farther, in centimetres, is kept as this."""
+"""Greatest stored depth in centimetres; what is farther is stored as this."""
 SKY = 65_535
-"""Depth of what a ray never meets."""
+"""Stored depth of the sky."""
 
 
 def write_frames(folder: Path, frames: np.ndarray, layers: Frame | None = None) -> None:

@@ -1,9 +1,8 @@
-"""Training of a finder of water on frames, and the IoU of the water in a reconstruction with that in the frame.
+"""Training of the network that finds water in the colours of reconstructions, for the encoder study.
 
-IoU is the number of pixels that are water in both by the number that are in either, of each image by itself, and then
-the mean over images; an image without water in either counts 1. Where a reconstruction has a mask, its water is where
-the mask is at least a half. Where it has colours, a network that was trained to find water in the colours of frames
-looks for it there: so encoders that see no mask can be judged too.
+The study compares the water in a reconstruction with that in the frame by IoU (`thalweg.encoder.water.mean_iou`). Where
+a reconstruction has a mask, its water is where the mask is at least a half. Where it has colours, this network finds
+the water in them, so that encoders that see no mask can be compared too.
 """
 
 import math

@@ -1,7 +1,7 @@
 """Training of the finder of water on frames of many rivers under all looks, drawn anew for each epoch.
 
-A frame is learnt from as it is, or mirrored, cut to a part of it, and with the colours of another camera, so that other
-lenses and sensors than those of the looks are met too.
+Frames are mirrored, cut, and changed in gain and gamma at random, so that the network also learns from other lenses and
+sensors than those of the looks.
 """
 
 import math
@@ -33,10 +33,11 @@ KIND, PREFIX, CHECKPOINT, FILE = "water training", "network.", "checkpoint.safet
 WATER_FOLDER = FolderKind(KIND, CHECKPOINT, EncoderFileError)
 COLUMNS = ("epoch", "loss", "held_out_iou", "learning_rate", "images_per_s")
 BATCH_IMAGES, RATE, LEAST_RATE = 32, 2e-3, 0.02
+"""Frames of a minibatch, first learning rate of Adam, and the least one as a share of it."""
 SMALLEST_CUT = 0.5
 """Least side of a part that is cut out of a frame, as a share of the frame's."""
 GAIN, GAMMA = 0.25, 0.35
-"""Greatest change of the gain of each colour, and of the logarithm of gamma."""
+"""Greatest change of each colour's gain, and of the logarithm of gamma."""
 
 
 @dataclass(frozen=True)
@@ -47,23 +48,23 @@ class WaterTraining:
     """Folder of the training; an interrupted one is resumed."""
     levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
     world_seeds: Sequence[int] = tuple(range(1000, 1006))
-    """Seeds of the rivers of each level that are learnt from."""
+    """Seeds of the rivers of each level for training."""
     held_out_seeds: Sequence[int] = tuple(range(3000, 3002))
-    """Seeds of the rivers of each level on which the finder is judged."""
+    """Seeds of the rivers of each level on which the network is evaluated."""
     images: int = 2048
-    """Frames that are drawn for an epoch."""
+    """Number of frames that are drawn for each epoch."""
     held_out: int = 384
-    """Frames on which it is judged."""
+    """Number of frames for evaluation."""
     epochs: int = 12
     seed: int = 0
     command: str = ""
-    """The command, which the file keeps."""
+    """The command line, which is written to the file."""
 
     def run(self, *, progress: bool = True) -> tuple[Path, float]:
-        """Train, or resume; returns the file, and the mean IoU of water in frames held out.
+        """Train, or resume; returns the file and the mean IoU on frames held out.
 
         Raises `EncoderInputError` for numbers out of range, `EncoderFileError` for the folder of another training, and
-        `WorldError`.
+        `WorldError` for an unknown level.
         """
         for name in ("images", "held_out", "epochs"):
             if getattr(self, name) < 1:
@@ -108,7 +109,7 @@ class WaterTraining:
 
 
 def draw(renderer: Renderer, count: int, seed: int) -> np.ndarray:
-    """Return frames uint8 [count, H, W, 4] of random starts in the renderer's rivers, each under a look of its own."""
+    """Return frames uint8 [count, H, W, 4] at random poses in the renderer's rivers, each under a look of its own."""
     worlds, rng = list(renderer.worlds), np.random.default_rng([seed, 3])
     index = np.arange(count) % len(worlds)
     poses, time_s = sample_poses(worlds, index, seed), clock_times(count, seed)

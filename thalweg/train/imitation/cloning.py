@@ -1,7 +1,7 @@
-"""`Cloning`: behaviour cloning of recorded flights into a policy that sees frames; nothing is flown.
+"""Behaviour cloning: a policy that sees frames learns from recorded flights; nothing is flown.
 
-The student is that of an imitation. Of each recorded step the move that was made is the best one, and all others are
-equally bad; what only the simulator knows is not recorded, and not predicted.
+The student is that of imitation. In each recorded step, the move that was made is the best one, and all others are
+equally bad. What only the simulator knows is not recorded, so that the student does not predict it.
 """
 
 import time
@@ -42,14 +42,14 @@ ALGORITHM = "BC"
 
 @dataclass(frozen=True)
 class Cloning:
-    """A student that learns from recordings."""
+    """A run in which a student learns from recordings."""
 
     folder: Path
     """Folder of the run; an interrupted one is resumed."""
     recordings: Sequence[Path]
     """Folders of recordings, see `thalweg.datasets`."""
     steps: int
-    """Recorded steps that are learnt from, each as often as it is drawn."""
+    """Number of recorded steps to learn from; a step counts each time it is drawn."""
     seed: int = 0
     sequences: int = 32
     """Sequences that are drawn for each update."""
@@ -60,7 +60,7 @@ class Cloning:
     checkpoint_seconds: float = 60.0
     """Least time between two checkpoints."""
     device: str = "cpu"
-    """Where the student learns, see `thalweg.core.compute.device`."""
+    """Device of the student, see `thalweg.core.compute.device`."""
 
     def run(self, *, progress: bool = False) -> RunResult:
         """Train the student, or resume the run in the folder; a finished run is returned at once.
@@ -155,7 +155,7 @@ class CloningTrainer:
         return self._lesson is not None
 
     def step(self) -> list[Episode]:
-        """Draw sequences, some of them mirrored, some with corrupted masks; no episode ends."""
+        """Draw sequences, some of them mirrored, some with corrupted masks; returns no episodes."""
         config, before = self.student.config, time.perf_counter()
         images, sequences = self.recorded.draw(config.sequence, self.sequences, self.rng)
         start = np.zeros((self.sequences, config.memory_size), np.float32)
@@ -168,7 +168,7 @@ class CloningTrainer:
         return []
 
     def update(self) -> dict[str, float]:
-        """Learn from what was drawn; returns the losses."""
+        """Learn from the sequences that were drawn; returns losses and learning rate."""
         assert self._lesson is not None
         student, before = self.student, time.perf_counter()
         student.decay(self.statistics.steps / self.steps)

@@ -1,4 +1,4 @@
-"""Recorded flights as a student of images learns from them: one stream of steps, and whether it fits.
+"""Recorded flights as one stream of steps for a student of images, and the checks that they fit.
 
 Letters: S steps of all flights, L steps of a sequence, C sequences, H, W, K pixels and channels.
 """
@@ -25,14 +25,14 @@ from thalweg.train.imitation.sequences import Sequences
 from thalweg.train.imitation.teachers import choice_worths
 
 NONE, BACKWARD = 1, 2
-"""Options of the branch forward: none, and backward, which does nothing by default and is learnt as none."""
+"""Options of the branch forward. Backward has no effect in the tasks that are accepted; it is learnt as none."""
 
 
 class RecordedFlights:
     """The steps of recorded flights, all in memory: 65 kB for each."""
 
     def __init__(self, folders: Sequence[Path], observation: str) -> None:
-        """Read the recordings in some folders; `observation` is what the student sees of them.
+        """Read the recordings in `folders`; `observation` is what the student sees: `rgb+mask`, `rgb` or `mask`.
 
         Raises `DatasetError` and `TrainingError`, which name the folder, for recordings that cannot be read, of other
         cameras, versions, vehicles and actions than students have, or without what the student sees.
@@ -60,9 +60,10 @@ class RecordedFlights:
         """[S] bool, whether the step begins a flight."""
 
     def draw(self, length: int, count: int, rng: np.random.Generator) -> tuple[np.ndarray, Sequences]:
-        """Return images [L, C, H, W, K] and sequences of steps that follow one another, from random ones on.
+        """Return images [L, C, H, W, K] uint8 and sequences of L consecutive steps, each from a random step on.
 
-        A sequence may go on in the next flight. It begins with an empty memory, as a flight does.
+        L is `length` and C is `count`. A sequence may continue in the next flight. It begins with an empty memory, as a
+        flight does.
         """
         start = rng.integers(len(self.first) - length + 1, size=count)
         rows = start + np.arange(length)[:, None]

@@ -1,4 +1,4 @@
-"""Flights with all that is seen in them, as data sets keep it: by a pilot, a policy, or as they were saved."""
+"""Recording of flights for data sets: images through a camera, moves, rewards, costs and poses."""
 
 from collections.abc import Callable, Collection
 from dataclasses import asdict, replace
@@ -20,12 +20,13 @@ from thalweg.viewer.flight.cockpit import Cockpit
 from thalweg.viewer.flight.flight import Flight
 
 FIELDS = {"rgb": "rgb", "mask": "mask", "depth": "depth_m", "class": "class_id"}
-"""Field of a `thalweg.render.Frame` of each layer."""
+"""Field of `thalweg.render.Frame` for each layer."""
 VERSIONS = ("WORLD", "RENDER", "PROPS", "RULES", "FORCES", "TASKS", "VEHICLES", "PROPRIOCEPTION")
+"""Names in `thalweg.core.versions` of what a recording depends on."""
 
 
 class Observer:
-    """Records what a camera sees in the flights of an environment, whichever frames pages and policies see."""
+    """Records the flights of an environment through a camera of its own, apart from those of page and policy."""
 
     def __init__(self, env: RiverVectorEnv, camera: Camera, layers: Collection[Layer] = LAYERS) -> None:
         self.env, self.camera = env, camera
@@ -33,7 +34,7 @@ class Observer:
         self._frames = FrameRenderer(env.worlds, 1, replace(env.config, camera=camera))
 
     def about(self) -> About:
-        """Return what is equal in all flights."""
+        """Return what all flights of the environment have in common."""
         camera = {**asdict(self.camera), "intrinsics": self.camera.intrinsics().tolist()}
         return About(
             fps=round(1.0 / self.env.config.step_s),
@@ -47,7 +48,7 @@ class Observer:
         )
 
     def see(self, flight: Flight) -> dict[str, np.ndarray]:
-        """Return the layers [H, W, ...] that are seen now, with the colours."""
+        """Return colours [H, W, 3] and layers [H, W] of the current state by name, types as in `RecordedEpisode`."""
         names: Any = ["rgb", *(FIELDS[layer] for layer in self.layers)]
         frame: Any = self._frames.render_layers(flight.views(), names, flight.env.props())
         seen = {layer: getattr(frame, FIELDS[layer])[0] for layer in ("rgb", *self.layers)}
@@ -58,9 +59,10 @@ class Observer:
     def record(
         self, cockpit: Cockpit, most_steps: int | None = None, on_step: Callable[[], Any] | None = None
     ) -> RecordedEpisode:
-        """Fly the flight of a cockpit until it ends, its recording is over, or `most_steps` are flown.
+        """Fly the flight of a cockpit until it ends, its saved actions are used up, or `most_steps` are flown.
 
-        Raises `ViewerError` without a flight, for one without a step, and the errors of who flies.
+        `on_step` is called after each step. Raises `ViewerError` if there is no flight or no step, and the errors of
+        the policy or pilot.
         """
         flight = cockpit.flight
         if flight is None:
@@ -81,7 +83,7 @@ class Observer:
 
 
 def _episode(flight: Flight, layers: dict[str, np.ndarray], felt: np.ndarray) -> RecordedEpisode:
-    """Return what has been flown, with layers [T + 1, H, W, ...] and proprioception [T + 1, P]."""
+    """Return the record of a flight, with layers [T + 1, H, W, ...] by name and proprioception `felt` [T + 1, P]."""
     config, actions = flight.env.config, np.stack(flight.actions)
     units = to_unit_actions(config.action, actions, len(actions), config.fast_ratio)
     return RecordedEpisode(

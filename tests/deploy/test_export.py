@@ -16,8 +16,11 @@ from thalweg.deploy import export
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.export import export_policy
 from thalweg.deploy.onnx_policy import OnnxPolicy
+from thalweg.encoder import VAE, VAEConfig, load_encoder, save_vae
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.render import RENDER_VERSION
 from thalweg.train import load_policy
+from thalweg.train.errors import TrainingError
 from thalweg.world import World
 
 STEPS = 40
@@ -139,3 +142,23 @@ def test_another_file_is_refused(content: bytes, tmp_path: Path):
     path.write_bytes(content)
     with pytest.raises(ExportError, match="is no policy that thalweg export wrote"):
         OnnxPolicy.load(path)
+
+
+def test_another_encoder_than_that_of_the_training_is_refused(tmp_path: Path):
+    policy, encoder = policies.of_codes("default")
+    path = tmp_path / "other.safetensors"
+    save_vae(path, VAE(VAEConfig(latent=encoder.latent)), encoder.about)
+    other = load_encoder(path)
+    with pytest.raises(TrainingError, match=r"other\.safetensors is another encoder"):
+        export_policy(policy, tmp_path / "policy.onnx", encoder=other)
+
+
+def test_an_encoder_for_a_policy_of_images_is_refused(tmp_path: Path):
+    with pytest.raises(ExportError, match=r"takes no encoder: leave --encoder \(.*\) out"):
+        export_policy(policies.of_images("rgb"), tmp_path / "policy.onnx", encoder=load_encoder())
+
+
+def test_a_policy_of_images_of_another_renderer_is_refused(tmp_path: Path):
+    policy = policies.of_images("rgb", render_version=RENDER_VERSION - 1)
+    with pytest.raises(TrainingError, match=f"images of renderer version {RENDER_VERSION - 1}"):
+        export_policy(policy, tmp_path / "policy.onnx")

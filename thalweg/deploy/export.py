@@ -29,7 +29,7 @@ from thalweg.env.spaces import BRANCHES
 from thalweg.env.task.proprioception import PROPRIOCEPTION
 from thalweg.render import Camera
 from thalweg.train.encoder_of_run import context_of, encoder_of
-from thalweg.train.observations import IMAGES, PRIVILEGED, feels, observation_of
+from thalweg.train.observations import IMAGES, PRIVILEGED, check_policy_fits, feels, observation_of, task_of
 from thalweg.train.river import load_compatible_encoder
 
 FORMAT = 1
@@ -64,8 +64,8 @@ class Exportable:
     def of(cls, policy: Any, encoder: Encoder | None = None) -> "Exportable":
         """Return a policy with what its export needs; `encoder` is by default that of its training.
 
-        Raises `ExportError` for a policy that cannot be exported faithfully, with the reason, and the errors of
-        `load_compatible_encoder`.
+        Raises `ExportError` for a policy that cannot be exported faithfully and for an encoder that it does not take,
+        with the reason, and the errors of `load_compatible_encoder` and `check_policy_fits`.
         """
         _check(policy)
         seen = observation_of(policy)
@@ -77,8 +77,13 @@ class Exportable:
                     " into a file: only encoders that thalweg encoder train wrote can be exported"
                 )
             seen = encoder.inputs
-        else:
-            encoder = None
+        elif encoder is not None:
+            raise ExportError(
+                f"the policy sees {seen} with convolutions of its own, and takes no encoder: leave --encoder"
+                f" ({encoder.about.get('path', 'an encoder')}) out"
+            )
+        vehicle = context_of(policy).get("env", {}).get("vehicle", "uav")
+        check_policy_fits(policy, encoder, task=task_of(policy), vehicle=vehicle)
         inputs = [{"rgb": "image", "mask": "mask"}[part] for part in seen.split("+")]
         if feels(policy):
             inputs.append("proprioception")

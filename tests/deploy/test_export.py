@@ -162,3 +162,11 @@ def test_a_policy_of_images_of_another_renderer_is_refused(tmp_path: Path):
     policy = policies.of_images("rgb", render_version=RENDER_VERSION - 1)
     with pytest.raises(TrainingError, match=f"images of renderer version {RENDER_VERSION - 1}"):
         export_policy(policy, tmp_path / "policy.onnx")
+
+
+def test_the_metadata_have_the_steps_and_the_temperature_of_the_training(tmp_path: Path):
+    policy = policies.of_images("rgb", env={"forward_step_m": 0.75, "step_s": 0.5, "yaw_step_deg": 5.0})
+    policy.temperature = 0.5
+    about = export_policy(policy, tmp_path / "policy.onnx")
+    assert about["steps"] == {"seconds": 0.5, "vertical_m": 1, "yaw_deg": 5, "forward_m": 0.75, "lateral_m": 0.5}
+    assert (about["temperature"], about["fast_step_m"]) == (0.5, 0.0)

@@ -27,6 +27,7 @@ from thalweg.encoder import Encoder, PluginEncoder
 from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.spaces import BRANCHES
 from thalweg.env.task.proprioception import PROPRIOCEPTION
+from thalweg.env.tasks import task_named
 from thalweg.render import Camera
 from thalweg.train.encoder_of_run import context_of, encoder_of
 from thalweg.train.observations import IMAGES, PRIVILEGED, check_policy_fits, feels, observation_of, task_of
@@ -41,6 +42,14 @@ OPTIONS = (
     ("left", "none", "right"),
 )
 """What each option of each branch does; in a task with a fast step, `backward` is a fast step forward."""
+STEPS = {
+    "seconds": "step_s",
+    "vertical_m": "vertical_step_m",
+    "yaw_deg": "yaw_step_deg",
+    "forward_m": "forward_step_m",
+    "lateral_m": "lateral_step_m",
+}
+"""Field of `EnvConfig` of each size of a step in the metadata."""
 OPSET = 18
 """Version of ONNX's operators."""
 CHECKED_STEPS, CHECKED_FLIGHTS = 6, 3
@@ -204,7 +213,8 @@ def _program(chosen: Exportable) -> Any:
 def _about(chosen: Exportable, source: Path | None, name: str) -> dict[str, Any]:
     """Return the metadata of the file as plain data."""
     policy, camera = chosen.policy, chosen.camera
-    context = context_of(policy)
+    context, task = context_of(policy), task_of(policy)
+    env = context.get("env", {})
     return {
         "format": FORMAT,
         "name": name,
@@ -218,15 +228,11 @@ def _about(chosen: Exportable, source: Path | None, name: str) -> dict[str, Any]
         "proprioception": list(PROPRIOCEPTION) if "proprioception" in chosen.inputs else [],
         "memory": policy.shape.memory,
         "actions": dict(zip(BRANCHES, map(list, OPTIONS), strict=True)),
-        "steps": {
-            "seconds": DEFAULT_CONFIG.step_s,
-            "vertical_m": DEFAULT_CONFIG.vertical_step_m,
-            "yaw_deg": DEFAULT_CONFIG.yaw_step_deg,
-            "forward_m": DEFAULT_CONFIG.forward_step_m,
-            "lateral_m": DEFAULT_CONFIG.lateral_step_m,
-        },
+        "steps": {key: env.get(field, getattr(DEFAULT_CONFIG, field)) for key, field in STEPS.items()},
+        "fast_step_m": task_named(task).fast_step_m,
+        "temperature": policy.temperature,
         "chooses": "the most probable option of each branch",
-        "task": context.get("env", {}).get("task", "River"),
+        "task": task,
         "render_version": context.get("render_version"),
         "versions": {"thalweg": package_version("thalweg"), "torch": torch.__version__, "rules": versions.RULES},
     }

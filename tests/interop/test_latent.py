@@ -1,15 +1,18 @@
 """Tests of codes as observations of single environments, against the wrapper of vectors."""
 
+from pathlib import Path
+
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
 from tests.interop.small import actions, assert_same, single, vector
-from thalweg.encoder import EncoderInputError, load_encoder
+from thalweg.encoder import VAE, EncoderFileError, EncoderInputError, VAEConfig, load_encoder, save_vae
 from thalweg.interop.errors import InteropError
 from thalweg.interop.latent import LatentEnv
-from thalweg.render import Camera
+from thalweg.interop.vector_envs import vector_env
+from thalweg.render import RENDER_VERSION, Camera
 from thalweg.train import LatentVectorEnv
 
 
@@ -38,3 +41,18 @@ def test_observations_without_images_and_images_of_another_size_are_refused():
         LatentEnv(single(observation="privileged"))
     with pytest.raises(EncoderInputError, match="takes frames of 128 x 128 pixels, not of 40 x 48"):
         LatentEnv(single())
+
+
+def test_encoders_of_another_renderer_are_refused(tmp_path: Path):
+    path = tmp_path / "old.safetensors"
+    save_vae(path, VAE(VAEConfig()), {"render_version": RENDER_VERSION - 1})
+    with pytest.raises(EncoderFileError, match=f"renderer version {RENDER_VERSION - 1}"):
+        LatentEnv(single(camera=Camera()), path)
+    with pytest.raises(EncoderFileError, match=f"renderer version {RENDER_VERSION - 1}"):
+        vector_env("thalweg/Easy-v0", 2, path, {"max_steps": 12})
+
+
+def test_vector_environments_with_an_encoder_observe_its_codes():
+    expected = LatentVectorEnv(vector(2, camera=Camera()), load_encoder()).reset(seed=4)[0]
+    options = {"camera": Camera(), "quality": "fast", "max_steps": 12}
+    assert_same(vector_env("thalweg/Easy-v0", 2, "default", options).reset(seed=4)[0], expected)

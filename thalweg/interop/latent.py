@@ -10,10 +10,10 @@ import gymnasium
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
-from thalweg.encoder import load_encoder
 from thalweg.interop.errors import InteropError
 from thalweg.train.latent import FrameEncoder
 from thalweg.train.parts import ObservationParts, joined, vector_space
+from thalweg.train.river import load_compatible_encoder
 
 
 class LatentEnv(gymnasium.ObservationWrapper, RecordConstructorArgs):
@@ -24,10 +24,10 @@ class LatentEnv(gymnasium.ObservationWrapper, RecordConstructorArgs):
     """
 
     def __init__(self, env: gymnasium.Env, encoder: FrameEncoder | str | Path | None = None) -> None:
-        """Wrap an environment; `encoder` is an encoder or an argument of `thalweg.encoder.load_encoder`.
+        """Wrap an environment; `encoder` is an encoder or an argument of `load_compatible_encoder`.
 
-        Raises `InteropError` for observations without an image, and `EncoderInputError` for images that the encoder
-        does not take.
+        Raises `InteropError` for observations without an image, `EncoderInputError` for images that the encoder
+        does not take, and the errors of `load_compatible_encoder`.
         """
         RecordConstructorArgs.__init__(self, encoder=encoder)
         gymnasium.ObservationWrapper.__init__(self, env)
@@ -37,7 +37,8 @@ class LatentEnv(gymnasium.ObservationWrapper, RecordConstructorArgs):
                 f"an encoder needs images, the environment's observations are {env.observation_space}: choose"
                 " observation='rgb+mask', or what the encoder takes"
             )
-        self.encoder = load_encoder(encoder) if encoder is None or isinstance(encoder, str | Path) else encoder
+        named = encoder is None or isinstance(encoder, str | Path)
+        self.encoder = load_compatible_encoder(encoder) if named else encoder
         self.encoder(np.zeros((1, *self._parts.image_shape), np.uint8))  # refuses other images now, not at a reset
         self.observation_space = vector_space(self.encoder.latent + self._parts.size)
 

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from thalweg.interop.errors import InteropError, not_installed
 from thalweg.interop.safety_gymnasium import SafetyEnv, SafetyVectorEnv
+from thalweg.interop.vector_envs import vector_env
 
 try:
     from omnisafe.envs.core import CMDP, env_register, support_envs  # pyright: ignore[reportMissingImports]
@@ -134,13 +135,7 @@ def _single(env_id: str, encoder: str | Path | None, options: dict[str, Any]) ->
 
 def _vector(env_id: str, num_envs: int, encoder: str | Path | None, options: dict[str, Any]) -> SafetyVectorEnv:
     """Return N environments, with codes as observations if an encoder is given."""
-    envs = gymnasium.make_vec(env_id, num_envs=num_envs, **options)
-    if encoder is not None:
-        from thalweg.encoder import load_encoder
-        from thalweg.train.latent import LatentVectorEnv
-
-        envs = LatentVectorEnv(envs, load_encoder(encoder))
-    return SafetyVectorEnv(envs)
+    return SafetyVectorEnv(vector_env(env_id, num_envs, encoder, options))
 
 
 def _check_spaces(observations: gymnasium.Space, actions: gymnasium.Space) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 from thalweg.interop.errors import InteropError, not_installed
+from thalweg.interop.vector_envs import vector_env
 from thalweg.interop.vector_infos import check_same_step, info_of_each
 
 try:
@@ -46,13 +47,7 @@ def make_vec_env(
 
     Raises the errors of `RiverVecEnv`, of the id's options, and of the encoder.
     """
-    envs = gymnasium.make_vec(env_id, num_envs=n_envs, **options)
-    if encoder is not None:
-        from thalweg.encoder import load_encoder
-        from thalweg.train.latent import LatentVectorEnv
-
-        envs = LatentVectorEnv(envs, load_encoder(encoder))
-    vec_env = RiverVecEnv(envs)
+    vec_env = RiverVecEnv(vector_env(env_id, n_envs, encoder, options))
     vec_env.seed(seed)
     return VecMonitor(vec_env, monitor_file, info_keywords=("cost", "done_reason"))
 

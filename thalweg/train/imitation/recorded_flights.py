@@ -49,6 +49,7 @@ class RecordedFlights:
                 options.append(flight.options)
                 first.append(np.arange(flight.steps) == 0)
                 self.digest.update(flight.options.tobytes() + flight.poses.tobytes())
+                self.digest.update(np.ascontiguousarray(images[-1]).data)  # the same flight may have other frames
         self.count = len(images)
         """Number of flights."""
         self.images: np.ndarray = np.concatenate(images)

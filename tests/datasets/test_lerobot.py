@@ -143,3 +143,24 @@ def test_a_folder_with_something_in_it_is_never_written_to(tmp_path: Path):
     ):
         writer.add(flight(2))
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("name", ["pose", "pilot", "next.reward"])
+def test_a_missing_column_is_named(name: str, tmp_path: Path):
+    path = write(tmp_path / "flights") / "data/chunk-000/file-000.parquet"
+    pyarrow.parquet.write_table(pyarrow.parquet.read_table(path).drop_columns([name]), path)
+    with pytest.raises(DatasetError, match=f"file-000.parquet lacks the column {name}"):
+        list(read_recordings(tmp_path / "flights")[1])
+
+
+def test_a_damaged_picture_is_named_with_its_column(tmp_path: Path):
+    path = write(tmp_path / "flights") / "data/chunk-000/file-000.parquet"
+    table = pyarrow.parquet.read_table(path)
+    rows = table["mask"].to_pylist()
+    rows[1]["bytes"] = rows[1]["bytes"][:40]
+    at = table.column_names.index("mask")
+    pyarrow.parquet.write_table(
+        table.set_column(at, "mask", pyarrow.array(rows, table.schema.field("mask").type)), path
+    )
+    with pytest.raises(DatasetError, match=r"file-000.parquet has a damaged picture in the column mask"):
+        list(read_recordings(tmp_path / "flights")[1])

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
+import h5py
 import minari
 import numpy as np
 import pytest
@@ -86,3 +87,10 @@ def test_a_data_set_of_others_is_refused(written: Path):
     meta.write_text("{")
     with pytest.raises(DatasetError, match="cannot be read as a data set of Minari"):
         read_recordings(written)
+
+
+def test_what_a_file_lacks_is_named(written: Path):
+    with h5py.File(written / "data/main_data.hdf5", "a") as file:
+        del file["episode_1/infos/pose"]
+    with pytest.raises(DatasetError, match=r"main_data.hdf5 lacks 'pose'"):
+        list(read_recordings(written)[1])

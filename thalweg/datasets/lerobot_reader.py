@@ -14,6 +14,9 @@ from thalweg.datasets.episode import About, RecordedEpisode
 from thalweg.datasets.errors import DatasetError
 from thalweg.datasets.video import read_video
 
+PLAIN = ("terminated", "task", "options")
+"""Keys of a flight's description that are taken as they are."""
+
 
 def is_lerobot(folder: Path) -> bool:
     """Return whether a folder holds a data set in LeRobot's format."""
@@ -24,8 +27,8 @@ def read_lerobot(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
     """Return the description of a data set, and an iterator over its flights.
 
     The format has no images after the last step: those before it are repeated there. Raises `DatasetError` for a data
-    set that was not recorded by Thalweg or is of another version; so does the iterator for a table or a video that
-    cannot be read.
+    set that was not recorded by Thalweg or is of another version; so does the iterator for a table, a picture or a
+    video that cannot be read, and for a missing column.
     """
     if not (folder / layout.ABOUT).is_file():
         raise DatasetError(f"{folder} is a data set of LeRobot, but was not recorded by Thalweg")
@@ -33,15 +36,16 @@ def read_lerobot(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
         told = json.loads((folder / layout.ABOUT).read_text(encoding="utf-8"))
         info = json.loads((folder / layout.INFO).read_text(encoding="utf-8"))
         version, form = info["codebase_version"], told["format"]
+        common, flights = told["about"], list(told["flights"])
     except (ValueError, KeyError, TypeError) as error:
-        raise DatasetError(f"{folder} cannot be read as a data set of LeRobot: {error}") from error
+        raise DatasetError(f"{folder} cannot be read as a data set of LeRobot: {error!r}") from error
     if (version, form) != (layout.CODEBASE_VERSION, layout.FORMAT):
         raise DatasetError(
             f"{folder} is of LeRobot's version {version} and Thalweg's format {form}; this version reads"
             f" {layout.CODEBASE_VERSION} and {layout.FORMAT}"
         )
-    about = About.from_plain(told["about"], folder)
-    return about, (_read_episode(folder, number, flight, about) for number, flight in enumerate(told["flights"]))
+    about = About.from_plain(common, folder)
+    return about, (_read_episode(folder, number, flight, about) for number, flight in enumerate(flights))
 
 
 def _read_episode(folder: Path, number: int, flight: dict[str, Any], about: About) -> RecordedEpisode:
@@ -54,7 +58,12 @@ def _read_episode(folder: Path, number: int, flight: dict[str, Any], about: Abou
     except (OSError, pyarrow.ArrowException) as error:
         raise DatasetError(f"{path} cannot be read: {error}") from error
 
+    if missing := [name for name in ("end_state", "end_pose", "end_clock_s", *PLAIN) if name not in flight]:
+        raise DatasetError(f"{folder / layout.ABOUT} lacks {', '.join(missing)} of flight {number}")
+
     def column(name: str, *shape: int) -> np.ndarray:
+        if name not in table.column_names:
+            raise DatasetError(f"{path} lacks the column {name}")
         chunks = table[name].combine_chunks()
         for _ in shape:
             chunks = chunks.flatten()
@@ -64,7 +73,10 @@ def _read_episode(folder: Path, number: int, flight: dict[str, Any], about: Abou
         if name not in table.column_names:
             return None
         rows = table[name].to_pylist()
-        return _again(np.stack([np.asarray(Image.open(io.BytesIO(row["bytes"]))) for row in rows]))
+        try:
+            return _again(np.stack([np.asarray(Image.open(io.BytesIO(row["bytes"]))) for row in rows]))
+        except (OSError, SyntaxError, ValueError, KeyError, TypeError) as error:  # Pillow raises many for a damaged PNG
+            raise DatasetError(f"{path} has a damaged picture in the column {name}: {error!r}") from error
 
     rgb = pictures(layout.CAMERA)
     if rgb is None:
@@ -86,7 +98,7 @@ def _read_episode(folder: Path, number: int, flight: dict[str, Any], about: Abou
         costs=column("next.cost", len(about.cost_kinds)).astype(np.float64),
         terminated=flight["terminated"],
         reason=int(column("next.reason")[-1]),
-        pilots=tuple(table["pilot"].to_pylist()),
+        pilots=tuple(column("pilot").tolist()),
         task=flight["task"],
         options_of_flight=flight["options"],
     )

@@ -170,7 +170,8 @@ def is_minari(folder: Path) -> bool:
 def read_minari(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
     """Return the description of a data set, and an iterator over its flights.
 
-    Raises `DatasetError` for a data set that was not recorded by Thalweg, or cannot be read.
+    Raises `DatasetError` for a data set that was not recorded by Thalweg, or cannot be read;
+    so does the iterator for a file that is damaged or lacks something.
     """
     from minari import MinariDataset
 
@@ -184,9 +185,15 @@ def read_minari(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
     about = About.from_plain(told, folder)
 
     def episodes() -> Iterator[RecordedEpisode]:
-        told_of_each = data.storage.get_episode_metadata(range(len(data)))
-        for episode, meta in zip(data.iterate_episodes(), told_of_each, strict=True):
-            yield _episode(episode, json.loads(str(meta[KEY])))
+        file = folder / DATA / FILE
+        try:
+            told_of_each = data.storage.get_episode_metadata(range(len(data)))
+            for episode, meta in zip(data.iterate_episodes(), told_of_each, strict=True):
+                yield _episode(episode, json.loads(str(meta[KEY])))
+        except KeyError as error:
+            raise DatasetError(f"{file} lacks {error}") from error
+        except (OSError, ValueError, TypeError, IndexError, RuntimeError) as error:  # of HDF5, by the kind of damage
+            raise DatasetError(f"{file} cannot be read: {error!r}") from error
 
     return about, episodes()
 

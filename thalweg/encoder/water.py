@@ -60,7 +60,7 @@ def save_segmenter(path: Path, segmenter: WaterSegmenter, about: dict[str, Any] 
     tensors = segmenter.state_dict()
     if about is not None:
         tensors = {name: value.half() if value.is_floating_point() else value for name, value in tensors.items()}
-    write_tensors(path, tensors, {"kind": KIND, "format": FORMAT, **(about or {})})
+    write_tensors(path, tensors, {**(about or {}), "kind": KIND, "format": FORMAT})
 
 
 def load_segmenter(path: Path = PACKAGED_WATER) -> WaterSegmenter:

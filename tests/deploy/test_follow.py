@@ -1,6 +1,7 @@
 """Tests of policies over videos."""
 
 from pathlib import Path
+from typing import Any
 
 import imageio_ffmpeg
 import numpy as np
@@ -11,6 +12,7 @@ from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.cli.main import main
 from thalweg.datasets.video import read_video, write_video
 from thalweg.deploy.errors import ExportError
+from thalweg.deploy.export import Exportable
 from thalweg.deploy.follow import WATER_RGB, Follower, cut_to, follow, overlay, read_steps
 from thalweg.encoder.water import load_segmenter, mean_iou, water_in
 from thalweg.env import EnvConfig, RiverVectorEnv
@@ -87,3 +89,44 @@ def test_another_file_is_refused_and_nothing_is_written(tmp_path: Path, capsys: 
     assert main(["follow", str(tmp_path / "missing.mp4"), "--out", str(out)]) == 2
     assert "missing.mp4" in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_sides_that_the_segmenter_does_not_take_are_refused(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(Exportable, "camera", Camera(height_px=120, width_px=128))
+    with pytest.raises(ExportError, match=r"frames of 120 x 128 pixels .* multiples of 16"):
+        Follower(policies.of_images("rgb+mask"), load_segmenter())
+
+
+def test_a_video_that_does_not_say_its_rate_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "in.mp4").touch()
+    monkeypatch.setattr(imageio_ffmpeg, "read_frames", lambda _: (each for each in [{"size": (64, 64)}]))
+    with pytest.raises(ExportError, match=r"in.mp4 does not say how many frames a second"):
+        list(read_steps(tmp_path / "in.mp4"))
+
+
+def test_an_overlay_lasts_as_long_as_its_video_and_is_closed_on_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    write_video(tmp_path / "in.mp4", np.zeros((10, 128, 128, 3), np.uint8), 2)
+    follower = Follower(policies.of_images("rgb"))
+    follow(tmp_path / "in.mp4", tmp_path / "out.mp4", follower, "slow")
+    assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "out.mp4")) == (10, 5.0)
+    closed, begin = [], imageio_ffmpeg.write_frames
+
+    def watched(*args: Any, **settings: Any) -> Any:
+        try:
+            yield from begin(*args, **settings)
+        finally:
+            closed.append(True)
+
+    def failing(*_: Any) -> Any:
+        if steps:
+            raise ValueError("broken")
+        steps.append(True)
+        return first
+
+    steps: list[bool] = []
+    first = follower(np.zeros((128, 128, 3), np.uint8))
+    monkeypatch.setattr(imageio_ffmpeg, "write_frames", watched)
+    failure: Any = failing
+    with pytest.raises(ValueError, match="broken") as caught:
+        follow(tmp_path / "in.mp4", tmp_path / "bad.mp4", failure, "broken")
+    assert closed and caught.value.args == ("broken",) and not (tmp_path / "bad.mp4").exists()

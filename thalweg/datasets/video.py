@@ -25,10 +25,12 @@ def write_video(path: Path, frames: np.ndarray, fps: int) -> None:
     settings: dict[str, Any] = {"codec": CODEC, "pix_fmt_out": PIXELS, "quality": None, "macro_block_size": 1}
     options = ["-crf", str(CRF), "-g", str(KEY_EVERY), "-movflags", "+faststart"]
     writer = imageio_ffmpeg.write_frames(str(path), (width, height), fps=fps, output_params=options, **settings)
-    writer.send(None)
-    for frame in frames:
-        writer.send(np.ascontiguousarray(frame))
-    writer.close()
+    try:
+        writer.send(None)
+        for frame in frames:
+            writer.send(np.ascontiguousarray(frame))
+    finally:
+        writer.close()
 
 
 def read_video(path: Path) -> Iterator[np.ndarray]:

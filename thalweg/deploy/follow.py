@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 from thalweg.core.atomic_io import atomic_path
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.export import OPTIONS, Exportable
-from thalweg.encoder.water import WaterSegmenter, water_in
+from thalweg.encoder.water import SIDES, WaterSegmenter, water_in
 from thalweg.env.config import DEFAULT_CONFIG
 
 VIEW_PX, PANEL_PX, MARGIN_PX = 384, 176, 16
@@ -30,8 +30,8 @@ class Follower:
     def __init__(self, policy: Any, segmenter: WaterSegmenter | None = None) -> None:
         """Prepare a policy; `segmenter` finds the water for the mask.
 
-        Raises the errors of `Exportable.of`, and `ExportError` for a policy that takes proprioception, or masks without
-        a `segmenter`.
+        Raises the errors of `Exportable.of`, and `ExportError` for a policy that takes proprioception, masks without a
+        `segmenter`, or frames whose sides a `segmenter` does not take.
         """
         self.chosen = chosen = Exportable.of(policy)
         if "proprioception" in chosen.inputs:
@@ -41,6 +41,11 @@ class Follower:
         self.segmenter = segmenter
         camera = chosen.camera
         self.size_px = camera.height_px, camera.width_px
+        if segmenter is not None and any(side % SIDES for side in self.size_px):
+            raise ExportError(
+                f"the policy sees frames of {camera.height_px} x {camera.width_px} pixels (height x width); finding the"
+                f" water needs sides that are multiples of {SIDES}"
+            )
         self._player = chosen.policy.player(1, deterministic=True)
         self._fresh = True
 
@@ -85,7 +90,7 @@ def read_steps(path: Path, step_s: float = DEFAULT_CONFIG.step_s) -> Iterator[np
     try:
         about: Any = next(reader)
         width, height = about["size"]
-        every = max(round(about["fps"] * step_s), 1)
+        every = frames_of_step(_fps(about, path), step_s)
         for index, frame in enumerate(reader):
             if index % every == 0:
                 yield np.frombuffer(frame, np.uint8).reshape(height, width, 3)  # pyright: ignore
@@ -93,6 +98,33 @@ def read_steps(path: Path, step_s: float = DEFAULT_CONFIG.step_s) -> Iterator[np
         raise ExportError(f"{path} cannot be read as a video") from error
     finally:
         reader.close()
+
+
+def _fps(about: Any, path: Path) -> float:
+    """Return the frames a second of a video described by ffmpeg; raises `ExportError` if it does not say."""
+    fps = about.get("fps")
+    if not fps or not 0 < fps < float("inf"):
+        raise ExportError(f"{path} does not say how many frames a second it has (fps: {fps})")
+    return float(fps)
+
+
+def frames_of_step(fps: float, step_s: float = DEFAULT_CONFIG.step_s) -> int:
+    """Return the number of frames from one step to the next, in a video of `fps` frames a second; at least 1."""
+    return max(round(fps * step_s), 1)
+
+
+def steps_a_second(path: Path) -> float:
+    """Return how many frames of a second of a video `read_steps` yields; raises its errors."""
+    if not path.is_file():
+        raise FileNotFoundError(2, "No such file", str(path))
+    reader = imageio_ffmpeg.read_frames(str(path))
+    try:
+        fps = _fps(next(reader), path)
+    except (OSError, RuntimeError, IndexError, StopIteration) as error:
+        raise ExportError(f"{path} cannot be read as a video") from error
+    finally:
+        reader.close()
+    return fps / frames_of_step(fps)
 
 
 def overlay(colours: np.ndarray, options: np.ndarray, mask: np.ndarray | None, title: str, step: int) -> np.ndarray:
@@ -131,20 +163,24 @@ def follow(video: Path, path: Path, follower: Follower, title: str) -> np.ndarra
     Raises the errors of `read_steps`, and `ExportError` for a video without a frame.
     """
     taken: list[np.ndarray] = []
+    rate = steps_a_second(video)
     with atomic_path(path) as draft:
         writer: Any = None
-        for frame in read_steps(video):
-            colours, options, mask = follower(frame)
-            taken.append(options)
-            picture = overlay(colours, options, mask, title, len(taken))
-            if writer is None:
-                size = picture.shape[1], picture.shape[0]
-                settings: Any = {"fps": 1.0 / DEFAULT_CONFIG.step_s, "quality": None, "macro_block_size": 2}
-                options_of_ffmpeg = ["-crf", "22", "-movflags", "+faststart"]
-                writer = imageio_ffmpeg.write_frames(str(draft), size, output_params=options_of_ffmpeg, **settings)
-                writer.send(None)
-            writer.send(np.ascontiguousarray(picture))
+        try:
+            for frame in read_steps(video):
+                colours, options, mask = follower(frame)
+                taken.append(options)
+                picture = overlay(colours, options, mask, title, len(taken))
+                if writer is None:
+                    size = picture.shape[1], picture.shape[0]
+                    settings: Any = {"fps": rate, "quality": None, "macro_block_size": 2}
+                    options_of_ffmpeg = ["-crf", "22", "-movflags", "+faststart"]
+                    writer = imageio_ffmpeg.write_frames(str(draft), size, output_params=options_of_ffmpeg, **settings)
+                    writer.send(None)
+                writer.send(np.ascontiguousarray(picture))
+        finally:
+            if writer is not None:
+                writer.close()
         if writer is None:
             raise ExportError(f"{video} has no frame")
-        writer.close()
     return np.stack(taken)

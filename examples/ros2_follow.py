@@ -7,13 +7,14 @@ It was checked for its syntax only: no robot, and no ROS, has run it. Try it wit
 The policy sees `image` (sensor_msgs/Image, rgb8 or bgr8) and, if it takes one, `mask` (mono8, 255 where water is seen).
 It chooses a step every `steps.seconds` of the file's metadata, which becomes a velocity on `cmd_vel`
 (geometry_msgs/Twist in m/s and rad/s: x forward, y left, z up, yaw to the left). `speed`, from 0 to 1, is the share of
-the velocity that the step has in the simulator; `patience_s` is the greatest age of an image in seconds. The camera
-should have the field of view and the pitch of the metadata. The option "backward" is taken as none; do not use policies
-of tasks with a fast step, where it is a fast step forward.
+the velocity that the step has in the simulator; `patience_s` is the greatest age of an image in seconds, by the
+stamp of its message. The camera should have the field of view and the pitch of the metadata. The option "backward" is
+taken as none; policies of tasks with a fast step, where it is a fast step forward, are refused.
 """
 
 import json
 import math
+import signal
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ import rclpy
 from geometry_msgs.msg import Twist
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image
 
 BRANCHES = ("vertical", "yaw", "longitudinal", "lateral")
@@ -39,6 +41,8 @@ class FollowRiver(Node):
         self.about = json.loads(self.session.get_modelmeta().custom_metadata_map["thalweg"])
         if "proprioception" in self.about["inputs"]:
             raise RuntimeError("this node measures no proprioception: export a policy that takes none")
+        if self.about.get("fast_step_m") != 0:
+            raise RuntimeError("the policy has a fast step, or its file does not say so: export one without, again")
         camera, self.step = self.about["camera"], self.about["steps"]
         self.size = camera["height_px"], camera["width_px"]
         self.memory = np.zeros((1, self.about["memory"]), np.float32)
@@ -55,18 +59,19 @@ class FollowRiver(Node):
         """Keep the newest picture."""
         picture = self.pixels(message, 3)
         if picture is not None:
-            self.seen["image"] = self.now(), picture[..., ::-1] if message.encoding == "bgr8" else picture
+            self.seen["image"] = stamp_of(message), picture[..., ::-1] if message.encoding == "bgr8" else picture
 
     def on_mask(self, message: Image) -> None:
         """Keep the newest mask."""
         mask = self.pixels(message, 1)
         if mask is not None:
-            self.seen["mask"] = self.now(), np.where(mask[..., 0] > 127, 255, 0)
+            self.seen["mask"] = stamp_of(message), np.where(mask[..., 0] > 127, 255, 0)
 
     def on_step(self) -> None:
         """Publish the velocity of the next step, or a stop."""
         wanted = [name for name in ("image", "mask") if name in self.about["inputs"]]
-        late = [name for name in wanted if self.now() - self.seen.get(name, (-math.inf, None))[0] > self.patience_s]
+        ages = {name: self.now() - self.seen.get(name, (-math.inf, None))[0] for name in wanted}
+        late = [name for name, age in ages.items() if abs(age) > self.patience_s]  # nor from another clock's future
         if late:
             self.stop(f"no {' and no '.join(late)} for {self.patience_s} s")
             return
@@ -125,9 +130,21 @@ class FollowRiver(Node):
         return self.get_clock().now().nanoseconds * 1e-9
 
 
+def stamp_of(message: Image) -> float:
+    """Return the time in seconds at which a message's picture was taken."""
+    return message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+
+
+def interrupt(*_: Any) -> None:
+    """End the node as Ctrl-C does."""
+    raise KeyboardInterrupt
+
+
 def main() -> None:
-    """Run the node until it is interrupted."""
-    rclpy.init()
+    """Run the node until it is interrupted or terminated, and stop the vehicle."""
+    # ROS's own handlers end the context first, after which no stop could be published.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGTERM, interrupt)
     node = FollowRiver()
     try:
         rclpy.spin(node)
@@ -137,6 +154,7 @@ def main() -> None:
         if rclpy.ok():
             node.stop("the node ends")
         node.destroy_node()
+        rclpy.try_shutdown()
 
 
 if __name__ == "__main__":

@@ -37,8 +37,9 @@ class LatentEnv(gymnasium.ObservationWrapper, RecordConstructorArgs):
                 f"an encoder needs images, the environment's observations are {env.observation_space}: choose"
                 " observation='rgb+mask', or what the encoder takes"
             )
-        named = encoder is None or isinstance(encoder, str | Path)
-        self.encoder = load_compatible_encoder(encoder) if named else encoder
+        if encoder is None or isinstance(encoder, str | Path):
+            encoder = load_compatible_encoder(encoder)
+        self.encoder = encoder
         self.encoder(np.zeros((1, *self._parts.image_shape), np.uint8))  # refuses other images now, not at a reset
         self.observation_space = vector_space(self.encoder.latent + self._parts.size)
 

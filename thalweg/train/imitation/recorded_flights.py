@@ -29,7 +29,7 @@ NONE, BACKWARD = 1, 2
 
 
 class RecordedFlights:
-    """The steps of recorded flights, all in memory: 65 kB for each."""
+    """The steps of recorded flights, all in memory: 65 kB for each, twice that while they are read."""
 
     def __init__(self, folders: Sequence[Path], observation: str) -> None:
         """Read the recordings in `folders`; `observation` is what the student sees: `rgb+mask`, `rgb` or `mask`.

@@ -10,6 +10,7 @@ from thalweg.bench.report.result_tables import paper_table
 from thalweg.bench.report.suite_tables import algorithm_table, constraint_method, domain
 from thalweg.bench.report.table import PAPER
 from thalweg.bench.results.results import OutdatedPolicy, Results, RunRow
+from thalweg.bench.results.run_versions import Versions
 from thalweg.bench.suite.config import Arm, Stage, Suite
 from thalweg.core.versions import ALGORITHMS as ALGORITHMS_NOW
 
@@ -74,7 +75,7 @@ def test_what_critics_see_is_a_column():
 def test_what_critics_of_outdated_policies_saw_is_what_their_runs_recorded():
     suite = Suite("it", (Arm("PPO"), Arm("CUP"))).as_data()
     outdated = {f"{name} (render 1)": OutdatedPolicy(name, "render 1") for name in ("PPO", "CUP")}
-    recorded = {"PPO-0": {"render": 1, "PPO": 1}, "CUP-0": {"render": 1, "CUP": 1, "privileged": 1}}
+    recorded: dict[str, Versions] = {"PPO-0": {"render": 1, "PPO": 1}, "CUP-0": {"render": 1, "CUP": 1, "privileged": 1}}
     results = Results(Path(), suite, [], [], [], [], outdated=outdated, versions=recorded)
     more, same = "the privileged state and progress too", "what the policy sees"
     assert [results.critics_see(name) for name in (*outdated, "hover")] == [same, more, "none"]

@@ -75,7 +75,7 @@ def test_what_critics_see_is_a_column():
 def test_what_critics_of_outdated_policies_saw_is_what_their_runs_recorded():
     suite = Suite("it", (Arm("PPO"), Arm("CUP"))).as_data()
     outdated = {f"{name} (render 1)": OutdatedPolicy(name, "render 1") for name in ("PPO", "CUP")}
-    recorded: dict[str, Versions] = {"PPO-0": {"render": 1, "PPO": 1}, "CUP-0": {"render": 1, "CUP": 1, "privileged": 1}}
+    recorded: dict[str, Versions] = {"PPO-0": {"render": 1, "PPO": 1}, "CUP-0": {"CUP": 1, "privileged": 1}}
     results = Results(Path(), suite, [], [], [], [], outdated=outdated, versions=recorded)
     more, same = "the privileged state and progress too", "what the policy sees"
     assert [results.critics_see(name) for name in (*outdated, "hover")] == [same, more, "none"]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from thalweg.cli.options import NO_FILE, River, UsageError, check_file
+from thalweg.cli.options import NO_FILE, Plugins, River, UsageError, check_file
 from thalweg.core.seeds import parse_seeds
 
 
@@ -135,7 +135,7 @@ class EncoderShow:
     """Describe an encoder, and draw frames, masks and their reconstructions if it has any."""
 
     path: Path | None = None
-    """Folder of `encoder train`, encoder file, or `geometry`; by default the packaged autoencoder."""
+    """Folder of `encoder train`, encoder file, `geometry`, or a plug-in's name; by default the packaged autoencoder."""
     level: str = "Medium"
     """Level whose river the frames show."""
     count: int = 8
@@ -144,13 +144,16 @@ class EncoderShow:
     """Seed of the poses."""
     out: Path = Path("reconstructions.png")
     """The picture, a PNG; one that is there is replaced."""
+    plugin: Plugins = ()
 
     def run(self) -> int:
         from thalweg.encoder import VAE, draw_reconstructions, load_encoder
+        from thalweg.encoder.plugin import PluginEncoder, encoder_plugin
         from thalweg.train.encoder.frames import collect_frames
 
         check_file("--out", self.out, ".png")
-        encoder = load_encoder(self.path)
+        plugin = None if self.path is None else encoder_plugin(str(self.path))
+        encoder = load_encoder(self.path) if plugin is None else PluginEncoder(plugin)
         for key, value in encoder.about.items():
             print(f"{key}: {value}")
         if not isinstance(encoder.model, VAE):

@@ -1,5 +1,6 @@
 """Plug-ins for tests: written to files, or installed as a distribution in a folder on the path."""
 
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -7,7 +8,12 @@ import pytest
 
 from thalweg.core.plugins import lookup
 
-EXAMPLE = Path(__file__).resolve().parent.parent / "examples" / "my_algorithm.py"
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLE = ROOT / "examples" / "my_algorithm.py"
+(SQUARES,) = re.findall(
+    r"```python\n(\"\"\"An encoder of masks.*?)```", (ROOT / "docs" / "extend.md").read_text(), flags=re.DOTALL
+)
+"""Source of the encoder in docs/extend.md."""
 
 
 @pytest.fixture

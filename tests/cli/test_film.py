@@ -50,9 +50,13 @@ def test_a_saved_flight_is_filmed(saved: Path, tmp_path: Path, capsys: pytest.Ca
     assert "3 steps on Easy, start 3: not ended" in capsys.readouterr().out
 
 
-def test_options_beside_a_saved_flight_are_refused(saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture):
-    assert main(["film", str(saved), "--look", "mist", "--out", str(tmp_path / "x.mp4")]) == 2
-    assert "--look does not go with" in capsys.readouterr().err
+@pytest.mark.parametrize("given", [["--look", "mist"], ["--world-seed", "4"]])
+def test_options_beside_a_saved_flight_are_refused(
+    given: list[str], saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture
+):
+    assert main(["film", str(saved), *given, "--out", str(tmp_path / "x.mp4")]) == 2
+    told = f"{given[0]} does not go with {saved}, a flight with options of its own"
+    assert told in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "x.mp4").exists()
 
 

@@ -3,13 +3,16 @@
 import shutil
 from dataclasses import fields
 from pathlib import Path
+from typing import get_type_hints
 
 import pytest
 
-from tests.plugins import EXAMPLE, install, no_plugins  # noqa: F401  (a fixture)
+from tests.plugins import EXAMPLE, SQUARES, install, no_plugins  # noqa: F401  (a fixture)
 from thalweg.algos import ALGORITHMS
 from thalweg.algos.imitation.config import ImitationConfig
-from thalweg.cli.main import main
+from thalweg.cli.encoder import ENCODER_COMMANDS
+from thalweg.cli.main import COMMANDS, main
+from thalweg.cli.options import Plugins
 
 pytestmark = pytest.mark.usefixtures("no_plugins")
 
@@ -52,16 +55,42 @@ def test_a_run_without_a_folder_is_refused_with_one_to_try(command: str, name: s
     assert f"--out is missing: name the folder of the run, such as --out runs/{name}" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "command",
-    [["train"], ["evaluate", "hover"], ["bench", "quick", "--out", "x"], ["report", "x"], ["leaderboard", "x"]],
-)
+NEEDED = {
+    "evaluate": ["hover"],
+    "bench": ["quick", "--out", "x"],
+    "report": ["x"],
+    "leaderboard": ["x"],
+    "follow": ["x"],
+}
+"""What some commands need beside their options."""
+USE_NONE = {"world", "speed", "imitate", "encoder train", "encoder study"}
+"""Commands that use no algorithm, encoder, task or report section of a plug-in."""
+EVERY = {**COMMANDS, **{f"encoder {name}": kind for name, kind in ENCODER_COMMANDS.items()}}
+EVERY.pop("encoder")
+
+
+def test_every_command_takes_plugins_in_one_way_or_uses_none():
+    takes = {name for name, kind in EVERY.items() if get_type_hints(kind, include_extras=True).get("plugin") == Plugins}
+    assert takes == set(EVERY) - USE_NONE
+    assert [name for name in USE_NONE if "plugin" in {field.name for field in fields(EVERY[name])}] == []
+
+
+@pytest.mark.parametrize("command", sorted(set(EVERY) - USE_NONE))
+def test_the_help_of_plugins_is_the_same_in_every_command(command: str, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit):
+        main([*command.split(), "--help"])
+    shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "--plugin FILE Python file with algorithms, encoders, tasks or report sections of your own; may be" in shown
+
+
+@pytest.mark.parametrize("command", sorted(set(EVERY) - USE_NONE))
 def test_a_broken_plugin_is_named_with_its_line_by_every_command(
-    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     good, broken = Path(shutil.copy(EXAMPLE, tmp_path / "good.py")), tmp_path / "broken.py"
     broken.write_text("x = 1\ny = x / 0\n")
-    assert main([*command, "--plugin", str(good), "--plugin", str(broken)]) == 2
+    given = [*command.split(), *NEEDED.get(command, [])]
+    assert main([*given, "--plugin", str(good), "--plugin", str(broken)]) == 2
     assert capsys.readouterr().err == f"thalweg: {broken}, line 2: ZeroDivisionError: division by zero\n"
 
 
@@ -73,3 +102,12 @@ def test_a_broken_entry_point_stops_no_command_that_does_not_ask_for_it(
     assert main(["train", "PPO", "--set", "help"]) == 0
     assert main(["train", "Broken", "--set", "help"]) == 2
     assert "the entry point 'Broken' of mine 1.0 (nowhere_at_all:PLUGIN) cannot be loaded" in capsys.readouterr().err
+
+
+def test_the_encoder_of_a_plugin_is_described(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "squares.py").write_text(SQUARES)
+    given = ["--plugin", str(tmp_path / "squares.py"), "--out", str(tmp_path / "x.png")]
+    assert main(["encoder", "show", "--path", "squares", *given]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert {"name: squares", "about: shares of water in squares", "version: 1"} <= set(lines)
+    assert not (tmp_path / "x.png").exists()

@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from tests.plugins import no_plugins  # noqa: F401  (a fixture)
+from tests.plugins import SQUARES, no_plugins  # noqa: F401  (a fixture)
 from thalweg.core.plugins.lookup import add_files
 from thalweg.core.plugins.record import PluginError
 from thalweg.encoder import EncoderInputError, EncoderPlugin, PluginEncoder, encoder_names, encoder_plugin
 
 pytestmark = pytest.mark.usefixtures("no_plugins")
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "extend.md").read_text()
-(SQUARES,) = re.findall(r"```python\n(\"\"\"An encoder of masks.*?)```", PAGE, flags=re.DOTALL)
 
 
 @pytest.fixture

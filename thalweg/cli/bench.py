@@ -41,7 +41,6 @@ class Bench:
     policy: Policies = ()
     """Function that is flown without training, such as fly.py:fly; may be given several times."""
     plugin: Plugins = ()
-    """Python file with algorithms, encoders, tasks or report sections of your own; may be given several times."""
 
     def run(self) -> int:
         executor = executor_for(self.jobs, self.cluster, self.cpus)

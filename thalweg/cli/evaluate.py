@@ -65,7 +65,6 @@ class Evaluate:
     device: str = "cpu"
     """Where to render and encode: cpu, cuda, cuda:1, or auto, which uses a GPU if one works."""
     plugin: Plugins = ()
-    """Python file with algorithms, encoders, tasks or report sections of your own; may be given several times."""
 
     def config_for(self, policy: "Policy | RecurrentPolicy") -> "EvaluationConfig":
         """Return the config of the flights of a policy: task and forces that are not given are those that it was

@@ -6,7 +6,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from thalweg.cli.flight_options import policy_name
-from thalweg.cli.options import check_file
+from thalweg.cli.options import Plugins, check_file
 
 
 @dataclass(frozen=True)
@@ -19,6 +19,7 @@ class Export:
     """File to write, .onnx; an existing one is replaced."""
     encoder: str | None = None
     """Encoder's file, the folder of its training or a packaged one; by default that of the policy's training."""
+    plugin: Plugins = ()
 
     def run(self) -> int:
         from thalweg.bench.execute.backend import PACKAGED_POLICY

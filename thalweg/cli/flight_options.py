@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, River, checked_task
+from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, checked_task
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,7 @@ class ChosenFlight:
     """Mean speed of the wind in m/s; 0 is no wind."""
     quality: Literal["full", "fast"] = "full"
     """Quality of the frames; `fast` leaves out reflections, filters less, and interpolates the ground."""
+    plugin: Plugins = ()
 
     def chosen(self, size_px: int) -> tuple[Any, Any]:
         """Return the rivers that can be flown, `Rivers`, and the options of the flight, `FlightOptions`.

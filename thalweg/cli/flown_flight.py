@@ -1,8 +1,7 @@
 """Options of flights that a command flies: by a policy, a pilot, or as they were saved."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -39,13 +38,16 @@ class FlownFlight(ChosenFlight):
 
         The same cockpit and policy fly all of them. Raises the errors of `chosen`, and of the policy.
         """
+        from thalweg.cli.evaluate import load_named_policy
         from thalweg.viewer.flight.cockpit import Cockpit
         from thalweg.viewer.flight.flyers import PILOTS
         from thalweg.viewer.flight.recording import Folder
 
         rivers, options = self.chosen(size_px)
-        name = policy_name(self.flight)
-        policies = {} if self.flight in PILOTS else {name: _holding(_loaded(self.flight))}
+        name, load = policy_name(self.flight), cache(partial(load_named_policy, self.flight))
+        policies = {} if self.flight in PILOTS else {name: load}
+        for one in policies.values():
+            one()  # its errors show before anything is built
         cockpit = Cockpit(policies, Folder(folder), name)
         for change in changes:
             flown = replace(options, **change)
@@ -58,7 +60,7 @@ class FlownFlight(ChosenFlight):
         from thalweg.viewer.flight.recording import Folder, read_recording
         from thalweg.viewer.flight.rivers import Rivers
 
-        free = ("river", "world_seed", "quality")
+        free = ("river", "quality", "plugin")
         for field in fields(ChosenFlight):
             if field.name not in free and getattr(self, field.name) != field.default:
                 option = f"--{field.name.replace('_', '-')}"
@@ -69,18 +71,3 @@ class FlownFlight(ChosenFlight):
         cockpit = Cockpit({}, Folder(folder))
         cockpit.repeat(rivers.world(options.level, options.world_seed), replace(recording, options=options))
         return cockpit
-
-
-def _loaded(name: str) -> Any:
-    from thalweg.cli.evaluate import load_named_policy
-
-    return load_named_policy(name)
-
-
-def _holding(policy: Any) -> Callable[[], Any]:
-    """Return a function that returns `policy`, which is already loaded."""
-    return partial(_given, policy)
-
-
-def _given(policy: Any) -> Any:
-    return policy

@@ -6,7 +6,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from thalweg.cli.flight_options import policy_name
-from thalweg.cli.options import UsageError, check_file
+from thalweg.cli.options import Plugins, UsageError, check_file
 
 
 @dataclass(frozen=True)
@@ -21,6 +21,7 @@ class Follow:
     """File of a finder of water, which `encoder train --target water` writes; by default that of the package."""
     out: Path = Path("overlay.mp4")
     """Film to write, .mp4; an existing one is replaced."""
+    plugin: Plugins = ()
 
     def run(self) -> int:
         from thalweg.cli.evaluate import load_named_policy

@@ -18,7 +18,6 @@ class Leaderboard:
     out: Path | None = None
     """Write the page to this .md file instead of printing it, replacing it."""
     plugin: Plugins = ()
-    """Python file with algorithms, encoders, tasks or report sections of your own; may be given several times."""
 
     def run(self) -> int:
         from thalweg.bench.leaderboard import leaderboard

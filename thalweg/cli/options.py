@@ -87,8 +87,16 @@ DEFAULT_LEVEL = {"uav": "Medium", "asv": "Medium-Deep"}
 """Level of each vehicle, where none is named."""
 
 
-Plugins = Annotated[tuple[Path, ...], UseAppendAction]
-"""Files of plug-ins; the option may be given several times."""
+Plugins = Annotated[
+    tuple[Path, ...],
+    UseAppendAction,
+    arg(
+        metavar="FILE",
+        help="Python file with algorithms, encoders, tasks or report sections of your own; may be given several times.",
+    ),
+]
+"""Files of plug-ins, which `main` loads for every command with such a field `plugin`; the option may be given several
+times, and has its help here."""
 
 
 Policies = Annotated[tuple[str, ...], UseAppendAction]

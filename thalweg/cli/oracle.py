@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from thalweg.cli.options import UsageError, check_file, checked_task
+from thalweg.cli.options import Plugins, UsageError, check_file, checked_task
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,7 @@ class FlyOracle:
     """Return that a cost of 1 is worth, such as 0 0.03 1; by default fourteen from 0 to 10."""
     out: Path | None = None
     """Add the points to this .csv file; points of the same task, level and rivers are replaced."""
+    plugin: Plugins = ()
 
     def run(self) -> int:
         from thalweg.bench.evaluate.course import EvaluationConfig

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from thalweg.cli.options import NO_FILE, POSE, River, UsageError, check_file, checked_task, load_world
+from thalweg.cli.options import NO_FILE, POSE, Plugins, River, UsageError, check_file, checked_task, load_world
 from thalweg.core.atomic_io import write_picture
 
 LIMITS_PX = 16, 2048
@@ -44,6 +44,7 @@ class RenderFrames:
     """Draw a gallery instead: one view at both ends of each range of domain randomisation."""
     out: Path = Path("frames.png")
     """Picture to write, .png, .jpg or .webp; an existing one is replaced."""
+    plugin: Plugins = ()
 
     def run(self) -> int:
         self._check()

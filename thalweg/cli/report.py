@@ -17,7 +17,6 @@ class Report:
     out: Path | None = None
     """Folder to write to, new or that of an earlier report; by default `report` within the results."""
     plugin: Plugins = ()
-    """Python file with algorithms, encoders, tasks or report sections of your own; may be given several times."""
 
     def run(self) -> int:
         from thalweg.bench.report.report import write_report

@@ -67,7 +67,6 @@ class Train:
     graphs: bool = False
     """Record the gradient steps of DDPGLag, TD3Lag and SACLag as CUDA graphs and replay them."""
     plugin: Plugins = ()
-    """Python file with algorithms, encoders, tasks or report sections of your own; may be given several times."""
 
     def run(self) -> int:
         from thalweg.algos.registry import algorithm_named

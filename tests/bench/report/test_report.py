@@ -338,7 +338,7 @@ def test_no_cell_of_the_page_is_blank(tiny_results: Path):
     assert ["hover-0", "baseline", "finished", "not trained", "not trained", "not trained"] in rows
     assert ["hover", "Delta", "missing", "0 of 1", *["missing"] * 7, "none"] in rows
     (published,) = (row for row in rows if row[0] == f"PPO ({PAPER})")
-    assert published[-2:] == ["not published", "not published"]
+    assert published[-3:] == ["not published", "not published", "what the policy sees"]
 
 
 def test_a_report_is_replaced_completely_or_not_at_all(tiny_results: Path, monkeypatch: pytest.MonkeyPatch):

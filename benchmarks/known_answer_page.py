@@ -20,6 +20,7 @@ from tests.known_answer.harness import (
 )
 from tests.known_answer.problems import PROBLEMS
 from thalweg.bench.report.table import frame, markdown
+from thalweg.train.observations import SEEN_BY_CRITICS
 
 PAGES, SECTION = HERE.parent / "docs" / "algorithms", "known answers"
 """Pages of the algorithms, and their section."""
@@ -32,7 +33,8 @@ def page(rows: Table, seeds: int) -> str:
         f" brackets: the number of seeds that reached {SHARE:.0%} with a cost at most {EXCESS:.0%} or {LEAST_EXCESS}"
         " above the limit, out of those that were run. **Bold**: at least one missed this, or failed. `box_literal` is"
         " shown for comparison only. The optimum of PPO has no limit, that of DDPG and TD3 is the best deterministic"
-        " policy, and that of planners a perfect planner with their horizon."
+        " policy, and that of planners a perfect planner with their horizon. Critics see"
+        f" {SEEN_BY_CRITICS[False]}, also those of algorithms whose critics see more on the river."
     )
     sections = ["# Policies compared with the optimum of small problems", introduction]
     for name, problem in PROBLEMS.items():
@@ -100,7 +102,8 @@ def section(rows: Table, algorithm: str, seeds: int = SEEDS) -> str:
     introduction = wrap(
         f"Each row has the mean over its seeds, in the native action space. A seed reaches what is required with at"
         f" least {SHARE:.0%} of the return of the [optimum](README.md#known-answers) and, if there is a limit, a cost"
-        f" at most {EXCESS:.0%} or {LEAST_EXCESS} above it. Seeds that miss it have their own figures."
+        f" at most {EXCESS:.0%} or {LEAST_EXCESS} above it. Seeds that miss it have their own figures. Critics see"
+        f" {SEEN_BY_CRITICS[False]}."
     )
     header = ["problem", "limit", "optimum: return, cost", "share, cost", "reached", "missed"]
     return f"{introduction}\n{markdown(frame(header, lines))}"

@@ -26,7 +26,9 @@ from thalweg.bench.report.table import frame, markdown
 from thalweg.core import versions
 from thalweg.core.atomic_io import atomic_path, write_atomic
 from thalweg.train.folder.run_record import read_config
+from thalweg.train.observations import SEEN_BY_CRITICS
 from thalweg.train.river import RiverTraining, load_compatible_encoder
+from thalweg.train.run import has_asymmetric_critics
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent
@@ -103,7 +105,7 @@ def measure(algorithm: str, folder: Path) -> None:
 
 def table() -> str:
     """Return the table of the page: minutes, the share of each stage, and the processors below."""
-    head = ["algorithm", "version", "minutes", "steps a second", *STAGES, "return", "cost"]
+    head = ["algorithm", "critics see", "version", "minutes", "steps a second", *STAGES, "return", "cost"]
     lines = []
     rows = rows_of(TABLE, COLUMNS)
     for row in rows:
@@ -111,9 +113,17 @@ def table() -> str:
         shares = [f"{float(row[stage]) / seconds:.0%}" for stage in STAGES]
         ends = [f"{float(row[name]):.2f}" for name in ("return_mean_50", "cost_mean_50")]
         pace = [f"{seconds / 60:.1f}", f"{float(row['steps']) / seconds:,.0f}"]
-        lines.append([row["algorithm"], row["version"], *pace, *shares, *ends])
+        lines.append([row["algorithm"], critics_see(row), row["version"], *pace, *shares, *ends])
     processors = dict.fromkeys(row["processor"] for row in rows)
     return f"{markdown(frame(head, lines))}\nProcessor: {'; '.join(processors)}.\n"
+
+
+def critics_see(row: dict[str, str]) -> str:
+    """Return what critics saw in a run with the default settings; `unknown` for one of another version."""
+    entry = ALGORITHMS[row["algorithm"]]
+    if row["version"] != str(versions.ALGORITHMS[entry.name]):
+        return "unknown"
+    return SEEN_BY_CRITICS[has_asymmetric_critics(entry.configure({}))]
 
 
 def draw(algorithm: str, version: str, rows: Rows, path: Path) -> None:

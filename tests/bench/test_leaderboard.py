@@ -75,8 +75,9 @@ def test_those_that_surely_keep_the_limit_come_first_then_the_greater_return(tmp
         "": "1", "policy": "FOCOPS", "results": "mine", "limit met": "yes", "cost": "0.00 [0.00, 0.06]",
         "Medium": "5.00 [3.77, 6.23]", "Easy": "5.00 [3.77, 6.23]", "Hard": "5.00 [3.77, 6.23]",
         "unseen": "3.00 [1.99, 4.25]", "regret": "0.20", "trained on": "Medium", "steps": "1,000",
-        "seeds": "3", "versions": "current",
+        "seeds": "3", "critics see": "what the policy sees", "versions": "current",
     }  # fmt: skip
+    assert by[2]["critics see"] == "the privileged state and progress too"
     assert by[1]["cost"] == "0.10 [0.00, 0.35]"  # 0, 0.1, 0.2: 4.303 * 0.1 / sqrt(3), but no less than 0
     assert "Not ranked" not in "".join(lines)
 
@@ -193,7 +194,7 @@ def test_policies_of_several_folders_and_levels_are_ranked_by_one_level(tmp_path
     COSTS["FOCOPS-easy"], RETURNS["FOCOPS-easy"] = (0.0, 0.0, 0.0), 6.0
     first, second = write(tmp_path / "first"), write(tmp_path / "second", easy)
     lines = [line.strip("| ").split(" | ") for line in leaderboard([first, second]).splitlines() if line[:1] == "|"]
-    assert [(line[1], line[2], line[-4]) for line in lines[2:4]] == [
+    assert [(line[1], line[2], line[-5]) for line in lines[2:4]] == [
         ("FOCOPS-easy", "second", "Easy"),
         ("FOCOPS", "first", "Medium"),
     ]

@@ -63,8 +63,11 @@ def test_the_table_has_minutes_and_shares(pace: ModuleType, tmp_path: Path, monk
     monkeypatch.setattr(pace, "TABLE", tmp_path / "pace.csv")
     pace.replace_rows(pace.TABLE, pace.COLUMNS, "PPO", [pace.row_of("PPO", "fast", metrics())])
     version = versions.ALGORITHMS["PPO"]
-    assert f"| PPO | {version} | 0.3 | 1,024 | 5% | 50% | 25% | 15% | 5% | 9.00 | 0.25 |" in pace.table()
+    seen = "the privileged state and progress too"
+    assert f"| PPO | {seen} | {version} | 0.3 | 1,024 | 5% | 50% | 25% | 15% | 5% | 9.00 | 0.25 |" in pace.table()
     assert pace.table().endswith("\nProcessor: fast.\n")
+    pace.replace_rows(pace.TABLE, pace.COLUMNS, "PPO", [pace.row_of("PPO", "fast", metrics()) | {"version": "0"}])
+    assert "| PPO | unknown | 0 |" in pace.table()
 
 
 def test_an_algorithm_of_another_version_has_no_row(pace: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

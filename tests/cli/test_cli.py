@@ -2,6 +2,7 @@
 
 import csv
 import errno
+import io
 import os
 import subprocess
 import sys
@@ -93,6 +94,14 @@ def test_a_closed_pipe_ends_a_command_quietly(arguments: list[str], unbuffered: 
     )
     os.close(write)
     assert (ended.returncode, ended.stderr or "") == (141, "")
+
+
+def test_a_character_that_the_output_lacks_is_a_question_mark(monkeypatch: pytest.MonkeyPatch):
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii", write_through=True))
+    monkeypatch.setattr("thalweg.cli.report.Report.run", lambda _: print("R² of λ") or 0)
+    assert main(["report", "x"]) == 0
+    assert written.getvalue().decode("ascii").splitlines() == ["R? of ?"]
 
 
 def test_a_pipe_that_breaks_elsewhere_is_an_error(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture):
@@ -339,6 +348,11 @@ FROM_THE_START = ". There was no checkpoint yet; the same command starts from th
     [
         (["world", "--level", "easy", "--out", "map.png"], "map.png", ""),
         (["render", "--level", "easy", "--size", "32", "--count", "1", "--out", "x.webp"], "x.webp", ""),
+        (
+            ["render", "--level", "easy", "--size", "32", "--count", "1", "--frames", "frames"],
+            str(Path("frames", "0000.png")),
+            "",
+        ),
         (["evaluate", "hover", "--levels", "easy", "--episodes", "1", "--out", "x.csv"], "x.csv", ""),
         (["train", *PRIVILEGED_RUN, "--out", "run"], str(Path("run", "config.yaml")), FROM_THE_START),
         (
@@ -366,6 +380,20 @@ def test_a_full_disk_is_one_line_that_names_the_file(
     assert main(arguments) == 2
     *_, last = capsys.readouterr().err.splitlines()
     assert last == f"thalweg: {file} cannot be written: No space left on device{resumes}"
+
+
+def test_a_world_that_a_full_disk_does_not_take_is_named(
+    tmp_path: Path, easy_world, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("thalweg.world.map_image.draw", lambda *_: None)
+    monkeypatch.setattr(os, "fsync", full)
+    save = tmp_path / "easy.npz"
+    assert main(["world", "--level", "easy", "--out", str(tmp_path / "map.png"), "--save", str(save)]) == 2
+    assert capsys.readouterr().err == f"thalweg: {save} cannot be written: No space left on device\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_full_disk_without_a_name_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):

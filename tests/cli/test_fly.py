@@ -9,6 +9,7 @@ import sys
 import urllib.error
 import urllib.request
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,6 +17,7 @@ from thalweg.cli.fly import Fly, _name_of
 from thalweg.cli.main import main
 from thalweg.viewer.errors import ViewerError
 from thalweg.viewer.flight.looks import LOOKS
+from thalweg.viewer.server import app
 from thalweg.viewer.server.app import USUAL_PORT, bind
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -69,6 +71,22 @@ def test_a_port_that_is_taken_is_named_unless_none_was_asked_for():
             pass
         with bind(None) as other:
             assert other.getsockname()[1] != USUAL_PORT
+
+
+@pytest.mark.parametrize(("windows", "option"), [(False, "SO_REUSEADDR"), (True, "SO_EXCLUSIVEADDRUSE")])
+def test_a_port_is_never_shared_with_another_program(windows: bool, option: str, monkeypatch: pytest.MonkeyPatch):
+    asked: list[str] = []
+
+    class Asked(socket.socket):
+        def setsockopt(self, level: int, name: Any, value: Any) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+            asked.append(name)
+
+    for name in ("SO_REUSEADDR", "SO_EXCLUSIVEADDRUSE"):
+        monkeypatch.setattr(socket, name, name, raising=False)  # the second one is Windows's alone
+    monkeypatch.setattr(app, "ON_WINDOWS", windows)
+    monkeypatch.setattr(socket, "socket", Asked)
+    bind(0).close()
+    assert asked == [option]
 
 
 def test_policies_of_one_name_are_told_apart():

@@ -10,10 +10,10 @@ import pytest
 from tests.deploy import policies
 from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.cli.main import main
-from thalweg.datasets.video import read_video, write_video
+from thalweg.core.video import VideoError, open_video, read_video, write_video
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.export import Exportable
-from thalweg.deploy.follow import WATER_RGB, Follower, cut_to, follow, overlay, read_steps
+from thalweg.deploy.follow import WATER_RGB, Follower, cut_to, follow, frames_of_step, overlay
 from thalweg.encoder.water import load_segmenter, mean_iou, water_in
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import Camera, Look, Renderer
@@ -31,14 +31,22 @@ def test_the_middle_of_a_frame_is_cut_to_the_shape_of_the_camera():
 
 def test_frames_that_are_a_step_apart_are_read(tmp_path: Path):
     frames = np.repeat(np.arange(24, dtype=np.uint8)[:, None, None, None] * 10, 64, 1).repeat(64, 2).repeat(3, 3)
-    write_video(tmp_path / "fast.mp4", frames, 12)
-    found = [float(frame.mean()) for frame in read_steps(tmp_path / "fast.mp4", 0.25)]
-    np.testing.assert_allclose(found, np.arange(0, 24, 3) * 10, atol=3)
+    write_video(tmp_path / "fast.mp4", frames, 12, crf=18)
+    seen: list[float] = []
+
+    def watcher(frame: np.ndarray) -> Any:
+        seen.append(float(frame.mean()))
+        return frame, np.ones(4, int), None
+
+    follower: Any = watcher
+    follow(tmp_path / "fast.mp4", tmp_path / "out.mp4", follower, "watcher")
+    np.testing.assert_allclose(seen, np.arange(0, 24, 3) * 10, atol=3)
+    assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "out.mp4")) == (8, 2.0)
 
 
 def test_a_policy_sees_the_frames_with_the_water_that_is_found_and_chooses_as_it_would(tmp_path: Path):
     frames = np.random.default_rng(0).integers(256, size=(4, 128, 128, 3), dtype=np.uint8)
-    write_video(tmp_path / "in.mp4", frames, 4)
+    write_video(tmp_path / "in.mp4", frames, 4, crf=18)
     policy, segmenter = load_policy(PACKAGED_POLICY), load_segmenter()
     taken = follow(tmp_path / "in.mp4", tmp_path / "out.mp4", Follower(policy, segmenter), "packaged")
     player = policy.player(1, deterministic=True)
@@ -98,14 +106,15 @@ def test_sides_that_the_segmenter_does_not_take_are_refused(monkeypatch: pytest.
 
 
 def test_a_video_that_does_not_say_its_rate_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    (tmp_path / "in.mp4").touch()
-    monkeypatch.setattr(imageio_ffmpeg, "read_frames", lambda _: (each for each in [{"size": (64, 64)}]))
-    with pytest.raises(ExportError, match=r"in.mp4 does not say how many frames a second"):
-        list(read_steps(tmp_path / "in.mp4"))
+    path = tmp_path / "in.mp4"
+    path.touch()
+    monkeypatch.setattr(imageio_ffmpeg, "read_frames", lambda _: (each for each in [{"size": (64, 64), "fps": 0}]))
+    with open_video(path) as video, pytest.raises(VideoError, match=r"in.mp4 does not say how many frames a second"):
+        frames_of_step(video, path)
 
 
 def test_an_overlay_lasts_as_long_as_its_video_and_is_closed_on_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    write_video(tmp_path / "in.mp4", np.zeros((10, 128, 128, 3), np.uint8), 2)
+    write_video(tmp_path / "in.mp4", np.zeros((10, 128, 128, 3), np.uint8), 2, crf=18)
     follower = Follower(policies.of_images("rgb"))
     follow(tmp_path / "in.mp4", tmp_path / "out.mp4", follower, "slow")
     assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "out.mp4")) == (10, 5.0)

@@ -21,7 +21,6 @@ from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, AlgorithmError, LimitWarning, NotFiniteError, Policy
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.train import ResumeWarning, ShortRunWarning, load_policy
-from thalweg.train.run import learnt_bounds
 
 
 @pytest.fixture(scope="module", params=list(ALGORITHMS))
@@ -358,19 +357,3 @@ def test_a_preset_is_resolved_and_written_down_and_settings_go_on_top(tmp_path):
 def test_the_bar_shows_and_is_gone_afterwards(tmp_path, capsys):
     train(tmp_path, progress=True, steps=300)
     assert "FOCOPS, seed 3" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("algorithm", "given", "line"),
-    [
-        ("TD3Lag", {}, "values are held within learnt bounds, as return_bounds and largest_costs are not given"),
-        ("TD3Lag", {"return_bounds": [0, 10]}, "values are held within learnt bounds, as largest_costs is not given"),
-        ("TD3Lag", {"return_bounds": [0, 10], "largest_costs": [1.0]}, ""),
-        ("TD3Lag", {"bound_targets": False}, ""),
-        ("CCEPETS", {}, "values are held within learnt bounds, as return_bounds is not given"),
-        ("CCEPETS", {"terminal_value": False}, ""),
-        ("PPO", {}, ""),
-    ],
-)
-def test_bounds_of_values_that_a_task_does_not_give_are_named(algorithm: str, given: dict[str, Any], line: str):
-    assert learnt_bounds(ALGORITHMS[algorithm].configure(given)) == line

@@ -14,7 +14,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import CONDITIONS
 from thalweg.bench.evaluate.course import EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.report.policies import COST_LIMIT, limit_met, training_regret
+from thalweg.bench.report.policies import COST_LIMIT, CRITICS_SEE, limit_met, training_regret
 from thalweg.bench.report.table import frame, markdown
 from thalweg.bench.results.inference import CONFIDENCE, MIN_SEEDS, Estimate, mean_estimate, score_matrix
 from thalweg.bench.results.reading import read_results
@@ -70,6 +70,8 @@ class Entry:
     """Mean over seeds, in the last stage of training; None where it is not known."""
     missing: tuple[str, ...]
     """What the results lack of `REQUIREMENTS`."""
+    critics_see: str = "none"
+    """What its critics saw in training, see `Results.critics_see`."""
     observation: str = FRAMES
     """What the policy sees, see `thalweg.train.observations.IN_WORDS`."""
     encoder: str = "default"
@@ -188,6 +190,7 @@ def _entry(
         returns=_returns(usual, unseen),
         regret=training_regret(results, name),
         missing=("current versions",) if outdated else tuple(_missing(results, arm, usual, unseen)),
+        critics_see=results.critics_see(name),
         observation=observation_of(results.suite, arm),
         encoder=encoder_of(results.suite, arm),
         made_by=results.made_by([f"{arm['name']}-{seed}" for seed in arm["seeds"]]),
@@ -306,9 +309,9 @@ fewer than {MIN_SEEDS} seeds there is no interval, and *below, unsure* or *above
 limit the mean cost lies.
 
 *Unseen* is the return on rivers of {LEVEL} that nothing is trained on. *Regret* is the cost of training above the
-limit, per episode of the last stage. *Versions* is *current* if the row was made with the current versions of
-everything that results depend on. Otherwise it names the versions that differ, and the row is not ranked until it has
-been run again.
+limit, per episode of the last stage. *Critics see* is about training: no policy is flown with critics. *Versions* is
+*current* if the row was made with the current versions of everything that results depend on. Otherwise it names the
+versions that differ, and the row is not ranked until it has been run again.
 
 Policies see frames through an encoder, that of the autoencoder unless *(geometry)* follows the name. The name of one
 that sees images itself is followed by their channels, {" or ".join(f"*({channels})*" for channels in IMAGES)}.
@@ -320,7 +323,7 @@ seeds. *Versions* has the version and the hash of the source of each."""
 OTHER_LEVELS = tuple(level for level in LEVELS if level != LEVEL)
 COLUMNS = (
     "policy", "results", "limit met", "cost", LEVEL, *OTHER_LEVELS, "unseen", "regret",
-    "trained on", "steps", "seeds", "versions",
+    "trained on", "steps", "seeds", CRITICS_SEE, "versions",
 )  # fmt: skip
 
 
@@ -336,7 +339,7 @@ def _row(entry: Entry) -> list[str]:
     cost = "missing" if entry.cost is None else str(entry.cost)
     regret = "unknown" if entry.regret is None else f"{entry.regret:.2f}"
     made = f"{entry.versions}; {entry.made_by}" if entry.made_by else entry.versions
-    rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), made]
+    rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), entry.critics_see, made]
     seen = entry.encoder if entry.observation == FRAMES else entry.observation
     policy = entry.policy if seen == "default" else f"{entry.policy} ({seen})"
     return [policy, entry.source, entry.limit_met, cost, *returns, *rest]

@@ -12,12 +12,12 @@ from thalweg.core.seeds import parse_seeds
 
 @dataclass(frozen=True)
 class EncoderTrain:
-    """Train an autoencoder, or an encoder of geometry, on frames of rivers; the same command resumes."""
+    """Train an autoencoder, an encoder of geometry, or a finder of water on frames; the same command resumes."""
 
     out: Path
     """Folder of the run."""
     target: Literal["image", "geometry", "water"] = "image"
-    """What is learnt: the image (an autoencoder), what an ideal eye sees of it, or where water is (`follow`)."""
+    """What is learnt: the image (an autoencoder), what an ideal eye sees of it, or where water is, for `follow`."""
     inputs: Literal["rgb+mask", "rgb", "mask"] = "rgb+mask"
     """Channels that the encoder sees."""
     latent: int | None = None
@@ -25,18 +25,18 @@ class EncoderTrain:
     architecture: str = "lean"
     """`lean`, or `paper` for the architecture of the paper, which trains far more slowly."""
     level: tuple[str, ...] = ()
-    """Level whose river the images show, by default Medium; for geometry several, by default all."""
+    """Level whose river the images show, by default Medium; for geometry and water several, by default all."""
     river: River = NO_FILE
     world_seeds: tuple[str, ...] = ()
-    """Seeds of the rivers, such as 0 5 1000:1016 (1016 excluded); by default the fixed one, for geometry 1000:1022."""
+    """Seeds of rivers, such as 0 5 1000:1016 (1016 excluded); the fixed one, geometry 1000:1022, water 1000:1006."""
     held_out_seeds: tuple[str, ...] = ()
-    """For geometry only: seeds of the rivers of each level on which codes are judged; 3000:3006 by default."""
+    """For geometry and water: seeds of rivers for measurement only; 3000:3006 and 3000:3002 by default."""
     images: int | None = None
-    """Number of training images, by default 2000; for geometry those that are drawn for an epoch, by default 4096."""
+    """Training images, by default 2000; for geometry and water those of an epoch, by default 4096 and 2048."""
     held_out: int | None = None
-    """Number of further images, for measurement only; 200 by default, for geometry 1024 of flights and of starts."""
+    """Further images, for measurement only; 200, for geometry 1024 of flights and of starts, for water 384."""
     epochs: int | None = None
-    """Epochs of training; 100 by default, for geometry 16."""
+    """Epochs of training; 100 by default, for geometry 16, for water 12."""
     views: int | None = None
     """For geometry only: stored views of each river, of flights; 96 by default."""
     rivers_in_memory: int | None = None
@@ -62,7 +62,8 @@ class EncoderTrain:
 
         if others := self._given("held_out_seeds", "views", "rivers_in_memory", "device"):
             option = f"--{next(iter(others)).replace('_', '-')}"
-            raise UsageError(f"{option} is for --target geometry: leave it out, or choose that target")
+            targets = "geometry or water" if "held_out_seeds" in others else "geometry"
+            raise UsageError(f"{option} is for --target {targets}: leave it out, or choose that target")
         if len(self.level) > 1:
             raise UsageError(f"--level takes one level for --target image, not {' '.join(self.level)}")
         reach = self.river.reach("--level", self.level)
@@ -80,20 +81,19 @@ class EncoderTrain:
         return 0
 
     def _learn_water(self) -> int:
-        """Train a finder of water."""
+        """Train a finder of water; raises `UsageError` for options that it does not take."""
         from thalweg.train.encoder.water import WaterTraining
 
-        others = self._given("latent", "views", "rivers_in_memory", "device")
-        if others or self.inputs != "rgb+mask" or self.architecture != "lean" or self.river != NO_FILE:
-            option = next(iter(others), "inputs, --architecture or --river").replace("_", "-")
-            raise UsageError(
-                f"--{option} does not go with --target water, which learns from colours of rivers of levels"
-            )
+        river = ["river"] if self.river != NO_FILE else []
+        changed = [name for name in ("inputs", "architecture") if getattr(self, name) != getattr(type(self), name)]
+        if others := [*self._given("latent", "views", "rivers_in_memory", "device"), *changed, *river]:
+            option = f"--{others[0].replace('_', '-')}"
+            raise UsageError(f"{option} does not go with --target water, which learns from colours of rivers of levels")
         seeds = {
             name: parse_seeds(given, f"--{name.replace('_', '-')}", UsageError)
             for name, given in self._given("world_seeds", "held_out_seeds").items()
         }
-        path, iou = WaterTraining(
+        result = WaterTraining(
             self.out,
             seed=self.seed,
             command=shlex.join(["thalweg", *sys.argv[1:]]),
@@ -101,7 +101,9 @@ class EncoderTrain:
             **seeds,
             **self._given("images", "held_out", "epochs"),
         ).run()
-        print(f"{path}: IoU of water {iou:.3f} on rivers held out, under all looks")
+        if result.already_finished:
+            print(f"{self.out} was finished before; nothing was trained.")
+        print(f"{result.path}: IoU of water {result.iou:.3f} on rivers held out, under all looks")
         return 0
 
     def _learn_geometry(self) -> int:

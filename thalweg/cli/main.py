@@ -5,6 +5,7 @@ the work. What a command needs is imported when it runs, so that `thalweg --help
 """
 
 import contextlib
+import io
 import os
 import re
 import select
@@ -98,6 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     """Run a command line, and print errors; returns the exit status. Raises `BrokenPipeError`."""
+    _print_any_character()
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
     given = [argument for argument in given if argument != "--debug"]
@@ -138,6 +140,13 @@ def _in_words(error: Exception, command: Any) -> str:
     where = "a file" if error.filename is None else error.filename
     resumes = f". {_after_interrupt(command)}" if isinstance(command, RESUMABLE) else ""
     return f"{where} cannot be written: {error.strerror}{resumes}"
+
+
+def _print_any_character() -> None:
+    """Let output whose encoding lacks a character show a question mark in its place, as a pipe's on Windows may."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 def _is_closed_pipe(stream: TextIO) -> bool:

@@ -17,8 +17,6 @@ def print_result(result: "RunResult", evaluation: Sequence[str]) -> None:
     """Print the result of a run; `evaluation`: options of the command that evaluates it."""
     if result.already_finished:
         print(f"{result.folder} was finished before; nothing was trained.")
-    elif result.resumed_from is not None:
-        print(f"{result.folder} resumed from step {result.resumed_from:,}.")
     last = f"last 50: return {result.return_mean:.2f}, cost {result.cost_mean:.2f}"
     print(
         f"{result.folder}: {result.algorithm}, {result.steps:,} steps, {result.episodes:,} episodes in"

@@ -6,8 +6,8 @@ camera's picture, what is measured aboard, and the move have such names.
 
 from typing import Any
 
+from thalweg.core.video import PIXELS
 from thalweg.datasets.episode import ACTION_NAMES, LAYERS, POSE_NAMES, About
-from thalweg.datasets.video import about_video
 
 CODEBASE_VERSION = "v3.0"
 CHUNK = "chunk-{chunk_index:03d}/file-{file_index:03d}"
@@ -67,6 +67,20 @@ def features_of(about: About, size_px: tuple[int, int], *, video: bool, discrete
         "next.done": numbers(1, "bool"),
         "next.success": numbers(1, "bool"),
         **INDICES,
+    }
+
+
+def about_video(size_px: tuple[int, int], fps: int) -> dict[str, Any]:
+    """Return LeRobot's metadata of a video of frames of H x W pixels, given as `size_px`."""
+    return {
+        "video.height": size_px[0],
+        "video.width": size_px[1],
+        "video.codec": "h264",
+        "video.pix_fmt": PIXELS,
+        "video.is_depth_map": False,
+        "video.fps": fps,
+        "video.channels": 3,
+        "has_audio": False,
     }
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from thalweg.core.video import read_video
 from thalweg.datasets import lerobot_layout as layout
 from thalweg.datasets.episode import About, RecordedEpisode
 from thalweg.datasets.errors import DatasetError
-from thalweg.datasets.video import read_video
 
 PLAIN = ("terminated", "task", "options")
 """Keys of a flight's description that are taken as they are."""

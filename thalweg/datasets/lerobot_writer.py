@@ -15,12 +15,16 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from thalweg.core.video import write_video
 from thalweg.datasets import lerobot_layout as layout
 from thalweg.datasets import lerobot_statistics as statistics
 from thalweg.datasets.episode import About, RecordedEpisode, sentence_of
 from thalweg.datasets.errors import DatasetError
-from thalweg.datasets.video import write_video
 
+CRF = 18
+"""Constant rate factor of videos, low enough that losses are hardly visible."""
+KEY_EVERY = 2
+"""Frames between two key frames, so that single frames are read fast."""
 PICTURES = (layout.CAMERA, "mask", "class")
 WITHOUT_STATISTICS = ("depth", "pilot")
 """Features without statistics: one has a number for each pixel, the other is text."""
@@ -32,6 +36,8 @@ class LeRobotWriter:
     def __init__(self, folder: Path, about: About, *, video: bool) -> None:
         """`folder` is empty. `video`: keep the colours as H.264, which is lossy; else as PNG, which is lossless."""
         self._folder, self._about, self._video = folder, about, video
+        self._frames = 0
+        """Number of rows so far."""
         self._features: dict[str, dict[str, Any]] = {}
         self._tasks: dict[str, int] = {}
         self._episodes: list[dict[str, Any]] = []
@@ -39,7 +45,11 @@ class LeRobotWriter:
         self._flights: list[dict[str, Any]] = []
 
     def add(self, episode: RecordedEpisode) -> None:
-        """Write a flight; raises `DatasetError` if it has other actions or another size than those before it."""
+        """Write a flight.
+
+        Raises `DatasetError` if it has other actions or another size than those before it, and the errors of
+        `write_video`.
+        """
         discrete = episode.options is not None
         features = layout.features_of(self._about, episode.size_px, video=self._video, discrete=discrete)
         if self._features not in ({}, features):
@@ -51,10 +61,12 @@ class LeRobotWriter:
         self._write_frames(columns, self._folder / layout.DATA_PATH.format(**place))
         if self._video:
             path = self._folder / layout.VIDEO_PATH.format(video_key=layout.CAMERA, **place)
-            write_video(path, episode.rgb[:-1], self._about.fps)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_video(path, episode.rgb[:-1], self._about.fps, crf=CRF, key_every=KEY_EVERY)
         self._statistics.append(_statistics_of(columns))
         self._episodes.append(self._row(number, episode.steps, sentence, place))
         self._flights.append({"task": episode.task, "options": episode.options_of_flight} | _end_of(episode))
+        self._frames += episode.steps
 
     def close(self) -> None:
         """Write the files about all flights: tables of episodes and tasks, statistics and descriptions."""
@@ -79,7 +91,6 @@ class LeRobotWriter:
     def _columns(self, episode: RecordedEpisode, task: int) -> dict[str, np.ndarray]:
         """Return the values [T, ...] of each feature, the colours included if they are a video."""
         steps, number = episode.steps, len(self._episodes)
-        first = sum(row["length"] for row in self._episodes)
         last = np.arange(steps) == steps - 1
         layers = {name: episode.layer(name) for name in self._about.layers}
         success = self._about.reasons[episode.reason] == "Success" if episode.reason >= 0 else False
@@ -100,7 +111,7 @@ class LeRobotWriter:
             "timestamp": np.arange(steps) / self._about.fps,
             "frame_index": np.arange(steps),
             "episode_index": np.full(steps, number),
-            "index": first + np.arange(steps),
+            "index": self._frames + np.arange(steps),
             "task_index": np.full(steps, task),
         }
 
@@ -115,7 +126,6 @@ class LeRobotWriter:
 
     def _row(self, number: int, steps: int, sentence: str, place: dict[str, int]) -> dict[str, Any]:
         """Return the row of an episode in the table of episodes."""
-        first = sum(row["length"] for row in self._episodes)
         video: dict[str, Any] = {}
         if self._video:
             key = f"videos/{layout.CAMERA}"
@@ -129,8 +139,8 @@ class LeRobotWriter:
             **{f"data/{name}": value for name, value in place.items()},
             **video,
             **{f"meta/episodes/{name}": value for name, value in _episodes_place(number).items()},
-            "dataset_from_index": first,
-            "dataset_to_index": first + steps,
+            "dataset_from_index": self._frames,
+            "dataset_to_index": self._frames + steps,
             **{f"stats/{key}/{name}": value for key, of in found.items() for name, value in of.items()},
         }
 

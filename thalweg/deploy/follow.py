@@ -4,14 +4,15 @@ The policy has no effect on the video. It sees the middle of each frame, cut to 
 """
 
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import imageio_ffmpeg
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from thalweg.core.atomic_io import atomic_path
+from thalweg.core.video import Video, VideoError, open_video, write_video
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.export import OPTIONS, Exportable
 from thalweg.encoder.water import SIDES, WaterSegmenter, water_in
@@ -19,6 +20,8 @@ from thalweg.env.config import DEFAULT_CONFIG
 
 VIEW_PX, PANEL_PX, MARGIN_PX = 384, 176, 16
 """Sides of the frame and of the panel beside it, and the margin around them, in pixels."""
+CRF = 22
+"""Constant rate factor of overlays."""
 WATER_RGB, SHADE = (40, 120, 255), 0.45
 TEXT, QUIET, BACKGROUND = (235, 235, 235), (110, 118, 126), (24, 28, 32)
 LINE_PX = 22
@@ -79,52 +82,14 @@ def cut_to(frame: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
     return np.array(Image.fromarray(frame).resize((width, height), Image.Resampling.BOX, box=box))
 
 
-def read_steps(path: Path, step_s: float = DEFAULT_CONFIG.step_s) -> Iterator[np.ndarray]:
-    """Yield frames [H, W, 3] uint8 of a video that are about `step_s` seconds apart; all frames of a slower one.
+def frames_of_step(video: Video, path: Path, step_s: float = DEFAULT_CONFIG.step_s) -> int:
+    """Return the number of frames of a video from one step of `step_s` seconds to the next, at least 1.
 
-    Raises `ExportError` for a file that is no video, and `FileNotFoundError`.
+    Raises `VideoError`, with the video's `path`, if it does not say how many frames a second it has.
     """
-    if not path.is_file():
-        raise FileNotFoundError(2, "No such file", str(path))
-    reader = imageio_ffmpeg.read_frames(str(path))
-    try:
-        about: Any = next(reader)
-        width, height = about["size"]
-        every = frames_of_step(_fps(about, path), step_s)
-        for index, frame in enumerate(reader):
-            if index % every == 0:
-                yield np.frombuffer(frame, np.uint8).reshape(height, width, 3)  # pyright: ignore
-    except (OSError, RuntimeError, IndexError, StopIteration) as error:
-        raise ExportError(f"{path} cannot be read as a video") from error
-    finally:
-        reader.close()
-
-
-def _fps(about: Any, path: Path) -> float:
-    """Return the frames a second of a video described by ffmpeg; raises `ExportError` if it does not say."""
-    fps = about.get("fps")
-    if not fps or not 0 < fps < float("inf"):
-        raise ExportError(f"{path} does not say how many frames a second it has (fps: {fps})")
-    return float(fps)
-
-
-def frames_of_step(fps: float, step_s: float = DEFAULT_CONFIG.step_s) -> int:
-    """Return the number of frames from one step to the next, in a video of `fps` frames a second; at least 1."""
-    return max(round(fps * step_s), 1)
-
-
-def steps_a_second(path: Path) -> float:
-    """Return how many frames of a second of a video `read_steps` yields; raises its errors."""
-    if not path.is_file():
-        raise FileNotFoundError(2, "No such file", str(path))
-    reader = imageio_ffmpeg.read_frames(str(path))
-    try:
-        fps = _fps(next(reader), path)
-    except (OSError, RuntimeError, IndexError, StopIteration) as error:
-        raise ExportError(f"{path} cannot be read as a video") from error
-    finally:
-        reader.close()
-    return fps / frames_of_step(fps)
+    if not 0 < video.fps < float("inf"):
+        raise VideoError(f"{path} does not say how many frames a second it has (fps: {video.fps})")
+    return max(round(video.fps * step_s), 1)
 
 
 def overlay(colours: np.ndarray, options: np.ndarray, mask: np.ndarray | None, title: str, step: int) -> np.ndarray:
@@ -157,30 +122,22 @@ def overlay(colours: np.ndarray, options: np.ndarray, mask: np.ndarray | None, t
     return np.asarray(canvas)
 
 
-def follow(video: Path, path: Path, follower: Follower, title: str) -> np.ndarray:
-    """Write the overlay of a video as H.264, atomically, and return the options int64 [T, 4] of the T moves.
+def follow(path: Path, out: Path, follower: Follower, title: str) -> np.ndarray:
+    """Write the overlay of the video `path` to `out`, atomically, and return the options int64 [T, 4] of the T moves.
 
-    Raises the errors of `read_steps`, and `ExportError` for a video without a frame.
+    Frames are taken about a step apart. Raises `FileNotFoundError`, and `VideoError` for a file that is no video, has
+    no frame, or does not say how many frames a second it has.
     """
     taken: list[np.ndarray] = []
-    rate = steps_a_second(video)
-    with atomic_path(path) as draft:
-        writer: Any = None
-        try:
-            for frame in read_steps(video):
-                colours, options, mask = follower(frame)
-                taken.append(options)
-                picture = overlay(colours, options, mask, title, len(taken))
-                if writer is None:
-                    size = picture.shape[1], picture.shape[0]
-                    settings: Any = {"fps": rate, "quality": None, "macro_block_size": 2}
-                    options_of_ffmpeg = ["-crf", "22", "-movflags", "+faststart"]
-                    writer = imageio_ffmpeg.write_frames(str(draft), size, output_params=options_of_ffmpeg, **settings)
-                    writer.send(None)
-                writer.send(np.ascontiguousarray(picture))
-        finally:
-            if writer is not None:
-                writer.close()
-        if writer is None:
-            raise ExportError(f"{video} has no frame")
+
+    def overlays(frames: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
+        for frame in frames:
+            colours, options, mask = follower(frame)
+            taken.append(options)
+            yield overlay(colours, options, mask, title, len(taken))
+
+    with open_video(path) as video, atomic_path(out) as draft:
+        every = frames_of_step(video, path)
+        if not write_video(draft, overlays(islice(video.frames, 0, None, every)), video.fps / every, crf=CRF):
+            raise VideoError(f"{path} has no frame")
     return np.stack(taken)

@@ -24,7 +24,7 @@ from thalweg.encoder.encoder import Encoder
 from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, save_geometry, write_tensors
 from thalweg.encoder.geometry import GeometryConfig, GeometryNetwork, Scale, geometry_loss
 from thalweg.encoder.reconstruction import check_images, to_batch
-from thalweg.encoder.training import Row, epoch_generator, progress_bar, resolve_precision, write_rows
+from thalweg.encoder.training import Row, epoch_generator, progress_bar, resolve_precision, say_resumed, write_rows
 from thalweg.encoder.vae import EncoderInputError
 
 KIND, PREFIX, CHECKPOINT = "geometry encoder training", "network.", "checkpoint.safetensors"
@@ -89,6 +89,8 @@ def train_geometry(
     }
     state = _State(config, lessons.scale, run, device)
     rows = state.resume(folder / CHECKPOINT)
+    if progress:
+        say_resumed(folder, len(rows), epochs)
     with progress_bar(progress) as bar:
         task = bar.add_task("training the encoder", total=epochs, completed=len(rows), note="")
         for epoch in range(len(rows), epochs):

@@ -109,6 +109,8 @@ def train_encoder(
     train_images, held_out_images = (images[part] for part in split_indices(len(images), held_out, seed))
     state = _State(config, run, device)
     rows = state.resume(folder / "checkpoint.safetensors")
+    if progress:
+        say_resumed(folder, len(rows), epochs)
     with progress_bar(progress) as bar:
         task = bar.add_task("training the encoder", total=epochs, completed=len(rows), note="")
         for epoch in range(len(rows), epochs):
@@ -197,6 +199,12 @@ def write_rows(path: Path, columns: Sequence[str], rows: list[Row]) -> None:
     writer.writerow(columns)
     writer.writerows([row[name] for name in columns] for row in rows)
     write_atomic(path, text.getvalue())
+
+
+def say_resumed(folder: Path, finished: int, epochs: int) -> None:
+    """Print after which epoch a training resumes; nothing for one that begins, or is finished."""
+    if 0 < finished < epochs:
+        print(f"{folder} resumes after epoch {finished} of {epochs}.", flush=True)
 
 
 def progress_bar(shown: bool) -> Progress:

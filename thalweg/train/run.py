@@ -22,6 +22,7 @@ from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import DeviceError, resolve_device
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import to_plain
+from thalweg.train.episode_bounds import bounds_in_words, with_declared_bounds
 from thalweg.train.errors import ShortRunWarning, TrainingError
 from thalweg.train.folder import run_record
 from thalweg.train.rollouts.collector import Collector
@@ -102,6 +103,7 @@ def run(
     entry = algorithm_named(algorithm)
     # Environments without a number of them are refused below.
     resolved = configured(entry, config, preset, getattr(env, "num_envs", 1), how.begin_with)
+    given, resolved = resolved, with_declared_bounds(resolved, env)
     check_numbers(steps=(steps, 1), threads=(how.threads, 1), seed=(seed, 0))
     device, context = torch.device(resolve_device(how.device)), {**(context or {}), **made_by(entry)}
     if how.graphs:
@@ -129,7 +131,7 @@ def run(
         return result_of(folder, status, resumed_from=None, already_finished=True)
     if found := too_short(resolved, steps, task.num_envs):
         warnings.warn(found, ShortRunWarning, stacklevel=2)
-    if how.progress and (line := learnt_bounds(resolved)):
+    if how.progress and (line := bounds_in_words(resolved, given)):
         print(line, file=sys.stderr)
     trainer = Trainer(collector, learner, steps, seed, how.threads)
     return train_to_end(folder, trainer, identity, progress=how.progress, checkpoint_seconds=how.checkpoint_seconds)
@@ -164,16 +166,6 @@ def has_asymmetric_critics(config: Any) -> bool:
     """Return whether the critics of an algorithm with a config see more than the observation; planners have none that
     do."""
     return bool(getattr(config, "told_critics", getattr(config, "asymmetric_critics", False)))
-
-
-def learnt_bounds(config: Any) -> str:
-    """Return a line that names the bounds of values which a config leaves to be learnt; empty if there are none."""
-    if not getattr(config, "bound_targets", False) or not getattr(config, "terminal_value", True):
-        return ""
-    given = {name: getattr(config, name) for name in ("return_bounds", "largest_costs") if hasattr(config, name)}
-    missing = [name for name, bounds in given.items() if not bounds]
-    verb = "are" if len(missing) > 1 else "is"
-    return f"values are held within learnt bounds, as {' and '.join(missing)} {verb} not given" if missing else ""
 
 
 def _execution(options: ExecutionOptions) -> Execution:

@@ -114,6 +114,8 @@ def train_to_end(
         log = RunLog(folder, kept_bytes=state["bytes"], step=step)
     algorithm = identity["algorithm"]
     status_file = StatusFile(folder, algorithm, trainer)
+    if progress and step is not None:
+        print(f"{folder} resumes from step {step:,} of {trainer.steps:,}.", flush=True)
     try:
         trainer.start(state)
         status_file.write("running")

@@ -1,7 +1,5 @@
 """Tests of films of flights and of their maps."""
 
-import errno
-from collections import namedtuple
 from dataclasses import replace
 from pathlib import Path
 
@@ -138,21 +136,6 @@ def test_the_last_step_is_always_shown(steps: int, shown: list[int]):
 def test_sides_that_are_no_multiple_of_a_block_are_refused():
     with pytest.raises(ValueError, match=r"a film of \(440, 256\) pixels"):
         replace(SMALL, map_px=168)
-
-
-@pytest.mark.parametrize(("free", "number"), [(0, errno.ENOSPC), (10**9, None)], ids=["full", "not full"])
-def test_a_pipe_to_ffmpeg_that_breaks_on_a_full_disk_is_the_error_of_the_disk(
-    easy_world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, number: int | None
-):
-    def broken(*_, **__):
-        raise OSError("[Errno 32] Broken pipe: FFMPEG COMMAND ...")
-
-    monkeypatch.setattr("thalweg.bench.pictures.film.imageio.get_writer", broken)
-    usage = namedtuple("usage", "total used free")
-    monkeypatch.setattr("thalweg.bench.pictures.film.shutil.disk_usage", lambda _: usage(10**9, 10**9 - free, free))
-    with pytest.raises(OSError, match="No space" if number else "Broken pipe") as raised:
-        write_film(tmp_path / "film.mp4", easy_world, flight_on(easy_world, steps=1), "pilot")
-    assert (raised.value.errno, raised.value.filename) == (number, str(tmp_path / "film.mp4") if number else None)
 
 
 def test_a_flight_without_steps_is_refused(easy_world: World, tmp_path: Path):

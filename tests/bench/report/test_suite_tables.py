@@ -4,8 +4,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from thalweg.algos.registry import ALGORITHMS
+from thalweg.bench.report.comparison_tables import condition_table
+from thalweg.bench.report.policies import with_critics
+from thalweg.bench.report.result_tables import paper_table
 from thalweg.bench.report.suite_tables import algorithm_table, constraint_method, domain
-from thalweg.bench.results.results import OutdatedPolicy, Results
+from thalweg.bench.report.table import PAPER
+from thalweg.bench.results.results import OutdatedPolicy, Results, RunRow
+from thalweg.bench.results.run_versions import Versions
 from thalweg.bench.suite.config import Arm, Stage, Suite
 from thalweg.core.versions import ALGORITHMS as ALGORITHMS_NOW
 
@@ -30,8 +35,8 @@ def test_each_arm_has_a_row_also_where_its_algorithm_no_longer_exists():
     arms = [Arm(name, preset).as_data() for name, preset in (("FOCOPS", "paper"), ("Gone", "default"))]
     text = algorithm_table(Results(Path(), {"name": "it", "arms": arms}, [], [], [], [])).text
     assert text.to_numpy().tolist() == [
-        ["FOCOPS-paper", "on-policy", "a multiplier", ALGORITHMS["FOCOPS"].about],
-        ["Gone", "unknown", "unknown", "unknown"],
+        ["FOCOPS-paper", "on-policy", "a multiplier", ALGORITHMS["FOCOPS"].about, "what the policy sees"],
+        ["Gone", "unknown", "unknown", "unknown", "what the policy sees"],
     ]
 
 
@@ -48,7 +53,7 @@ def test_policies_that_see_images_are_told_from_those_that_see_codes_of_frames()
     assert table["observation"].tolist() == ["frames", "rgb+mask"]
 
 
-def test_what_critics_see_is_a_column_where_some_see_more():
+def test_what_critics_see_is_a_column():
     told = Arm("CUP", settings={"asymmetric_critics": True}, name="told")
     suite = Suite("it", (Arm("PPO"), Arm("CUP"), Arm("PPO", "paper"), told)).as_data()
     results = Results(Path(), suite, [], [], [], [])
@@ -65,5 +70,36 @@ def test_what_critics_see_is_a_column_where_some_see_more():
     ]  # today's settings say nothing of CUP as it was
     begun = Suite("it", (Arm("CUP", before=(Stage("PPO", "Easy", 1),)),)).as_data()
     assert Results(Path(), begun, [], [], [], []).with_asymmetric_critics == ["CUP"]
-    alike = Suite("it", (Arm("CUP"),)).as_data()
-    assert "critics see" not in algorithm_table(Results(Path(), alike, [], [], [], [])).text
+
+
+def test_what_critics_of_outdated_policies_saw_is_what_their_runs_recorded():
+    suite = Suite("it", (Arm("PPO"), Arm("CUP"))).as_data()
+    outdated = {f"{name} (render 1)": OutdatedPolicy(name, "render 1") for name in ("PPO", "CUP")}
+    recorded: dict[str, Versions] = {"PPO-0": {"render": 1, "PPO": 1}, "CUP-0": {"CUP": 1, "privileged": 1}}
+    results = Results(Path(), suite, [], [], [], [], outdated=outdated, versions=recorded)
+    more, same = "the privileged state and progress too", "what the policy sees"
+    assert [results.critics_see(name) for name in (*outdated, "hover")] == [same, more, "none"]
+    again = replace(results, runs=[RunRow("PPO-0", "train", "PPO", 0, 9, "finished")])
+    assert [again.critics_see(name) for name in ("PPO", "PPO (render 1)")] == [same, "unknown"]
+    eye = replace(results, suite=suite | {"observation": "privileged"})
+    assert eye.critics_see("CUP (render 1)") == "unknown", "the privileged observation says nothing of its critics"
+
+
+def test_tables_of_policies_say_last_what_critics_see(results: Results):
+    more, same = "the privileged state and progress too", "what the policy sees"
+    found = with_critics(condition_table)(results)
+    assert found.text["critics see"].tolist() == [more, same]
+    assert list(found.text) == [*condition_table(results).text, "critics see"]
+    paper = with_critics(paper_table)(results)
+    assert dict(zip(paper.text["policy"], paper.text["critics see"], strict=True)) == {
+        "hover": "none", "PPO": more, "PPO (paper, another simulator)": same, "FOCOPS": same,
+        "FOCOPS (paper, another simulator)": same, "P3O": same, "P3O (paper, another simulator)": same,
+    }  # fmt: skip
+    figures = paper.figures
+    assert figures.columns[-1] == "critics_see"
+    assert figures.loc[figures["algorithm"] == "PPO", ["source", "critics_see"]].to_numpy().tolist() == [
+        ["thalweg", more],
+        [PAPER, same],
+    ]
+    untrained = replace(results, suite=results.suite | {"arms": []})
+    assert "critics see" not in with_critics(condition_table)(untrained).text

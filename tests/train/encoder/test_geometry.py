@@ -14,7 +14,7 @@ from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, Renderer
 from thalweg.render.records.randomisation import Randomisation
-from thalweg.train.encoder.geometry import GeometryTraining, geometry_config, half_mirrored
+from thalweg.train.encoder.geometry import GeometryTraining, geometry_config, half_mirrored, probe_table
 from thalweg.train.encoder.views import STRIDE, TARGETS, draw_views, flight_views, start_views
 from thalweg.world import World
 
@@ -99,6 +99,21 @@ def test_a_run_writes_an_encoder_and_what_is_read_from_its_codes(tmp_path: Path)
     assert len(result.lines) == 4 and result.lines[0].startswith("geometry, flights: left bank ")
     with pytest.raises(EncoderFileError, match="belongs to another geometry encoder training: passes is 1 there"):
         run(tmp_path, passes=2).run()
+
+
+def test_a_finished_run_is_read_and_nothing_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    scores = {("geometry", kind): np.linspace(0, 1, len(TARGETS)) for kind in ("flights", "starts")}
+    scores["default", "starts"] = np.full(len(TARGETS), np.nan)
+    (tmp_path / "encoder.safetensors").touch()
+    (tmp_path / "probe.csv").write_text(probe_table(scores))
+    monkeypatch.setattr(GeometryTraining, "drawn", None)
+    found = run(tmp_path).run().scores
+    assert list(found) == list(scores)
+    for key, wanted in scores.items():
+        np.testing.assert_allclose(found[key], wanted, atol=5e-5)
+    (tmp_path / "probe.csv").write_text("encoder,views\ngeometry,flights\n")
+    with pytest.raises(EncoderFileError, match=r"probe\.csv: not the table of a training of geometry"):
+        run(tmp_path).run()
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from thalweg.cli.main import main
 from thalweg.encoder import EncoderFileError, EncoderInputError
 from thalweg.encoder.water import load_segmenter
+from thalweg.train.encoder import water
 from thalweg.train.encoder.water import WaterTraining, varied
 
 
@@ -26,28 +28,95 @@ def test_varied_frames_keep_water_under_its_colours():
     np.testing.assert_array_equal(np.asarray(colours[:, 2] > 0.5)[inner], np.asarray(water > 0)[inner])
 
 
-@pytest.mark.slow
-def test_a_training_that_was_interrupted_ends_with_the_same_network(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    whole, iou = training(tmp_path / "whole").run(progress=False)
-    assert 0.0 <= iou <= 1.0 and load_segmenter(whole) is not None
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Frames without a river in place of those of the renderer, and the seeds by which they are drawn."""
+    seeds: list[int] = []
 
-    from thalweg.train.encoder import water
+    def noise(_: object, count: int, seed: int) -> np.ndarray:
+        seeds.append(seed)
+        frames = np.random.default_rng(seed).integers(256, size=(count, 32, 32, 4), dtype=np.uint8)
+        frames[..., 3] = np.where(frames[..., 2] > 127, 255, 0)
+        return frames
 
+    monkeypatch.setattr(water, "load_or_build", lambda *_: None)
+    monkeypatch.setattr(water, "Renderer", lambda worlds: worlds)
+    monkeypatch.setattr(water, "draw", noise)
+    return seeds
+
+
+def interrupt_in_epoch(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     real = water._State.epoch
 
-    def once(self, frames, held_out, epoch, epochs):
-        if epoch:
+    def epoch(self: Any, frames: np.ndarray, held_out: np.ndarray, epoch: int, epochs: int) -> Any:
+        if epoch == number:
             raise KeyboardInterrupt
         return real(self, frames, held_out, epoch, epochs)
 
-    monkeypatch.setattr(water._State, "epoch", once)
-    with pytest.raises(KeyboardInterrupt):
+    monkeypatch.setattr(water._State, "epoch", epoch)
+
+
+def test_a_training_that_was_interrupted_ends_with_the_same_network(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drawn: list[int]
+):
+    whole = training(tmp_path / "whole").run(progress=False)
+    assert 0.0 <= whole.iou <= 1.0 and load_segmenter(whole.path) is not None
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        interrupt_in_epoch(1, patched)
         training(tmp_path / "cut").run(progress=False)
-    monkeypatch.setattr(water._State, "epoch", real)
-    resumed, again = training(tmp_path / "cut").run(progress=False)
-    assert again == iou and resumed.read_bytes() == whole.read_bytes()
+    resumed = training(tmp_path / "cut").run(progress=False)
+    assert resumed.iou == whole.iou and resumed.path.read_bytes() == whole.path.read_bytes()
     with pytest.raises(EncoderFileError, match="seed is 0 there and 1 here"):
         training(tmp_path / "cut", seed=1).run(progress=False)
+
+
+@pytest.mark.parametrize("lost", [False, True], ids=["complete", "without its file"])
+def test_a_finished_training_is_read_and_nothing_is_drawn(lost: bool, tmp_path: Path, drawn: list[int]):
+    first = training(tmp_path / "run").run(progress=False)
+    content, time = first.path.read_bytes(), first.path.stat().st_mtime_ns
+    assert len(drawn) == 3  # those held out, and those of two epochs
+    drawn.clear()
+    if lost:  # as if it had been killed after its last epoch
+        first.path.unlink()
+    again = training(tmp_path / "run").run(progress=False)
+    assert drawn == [] and again.iou == first.iou
+    assert again.already_finished is not lost and again.path.read_bytes() == content
+    assert lost or again.path.stat().st_mtime_ns == time
+
+
+def test_the_command_trains_and_says_from_where_it_resumes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture, drawn: list[int]
+):
+    numbers = ["--images", "8", "--held-out", "4", "--epochs", "2", "--level", "easy", "--world-seeds", "5"]
+    command = ["encoder", "train", "--target", "water", *numbers, "--out", str(tmp_path / "run")]
+    with monkeypatch.context() as patched:
+        interrupt_in_epoch(1, patched)
+        assert main(command) == 130
+    assert "The same command resumes from the last checkpoint." in capsys.readouterr().err
+    for told in ("resumes after epoch 1 of 2.", "was finished before; nothing was trained."):
+        assert main(command) == 0
+        lines = capsys.readouterr().out.splitlines()  # with the bar of progress among them
+        assert f"{tmp_path / 'run'} {told}" in lines
+        assert lines[-1].startswith(f"{tmp_path / 'run' / 'water.safetensors'}: IoU of water 0.")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--architecture", "paper"], "--architecture does not go with --target water"),
+        (["--inputs", "mask"], "--inputs does not go with --target water"),
+        (["--river", "a.gpx"], "--river does not go with --target water"),
+        (["--latent", "8"], "--latent does not go with --target water"),
+        (["--level", "medum"], "unknown level 'medum' (did you mean 'Medium'?)"),
+        (["--epochs", "0"], "--epochs must be at least 1, not 0"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused_by_name(
+    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture
+):
+    assert main(["encoder", "train", "--target", "water", "--out", str(tmp_path / "run"), *options]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
 
 
 def test_numbers_and_seeds_that_do_not_fit_are_refused(tmp_path: Path):

@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from tests.datasets import episodes
+from tests.train.imitation.test_imitate import rows
 from thalweg.algos.policy.vision import NO_OPTION
 from thalweg.cli.main import main
 from thalweg.core import versions
@@ -17,7 +19,7 @@ from thalweg.datasets.recordings import recording
 from thalweg.env.pilot.steady import MOVES
 from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
-from thalweg.train.imitation.cloning import Cloning
+from thalweg.train.imitation.cloning import Cloning, CloningTrainer
 from thalweg.train.imitation.recorded_flights import RecordedFlights
 from thalweg.train.imitation.teachers import OPTIONS
 
@@ -60,15 +62,12 @@ def test_sequences_are_the_recorded_steps_with_the_action_before_each(tmp_path: 
     assert sequences.worths.shape == (9, 1, len(MOVES))
 
 
-def test_what_was_flown_is_learnt_and_an_interrupted_run_ends_the_same(tmp_path: Path):
+def test_what_was_flown_is_learnt(tmp_path: Path):
     folder = recorded(tmp_path / "flights", flight(40), flight(30, seed=1))
 
-    def clone(name: str) -> Any:
-        settings = {**SMALL, "learning_rate": 3e-3}
-        Cloning(tmp_path / name, [folder], steps=6000, sequences=16, settings=settings, threads=1).run()
-        return load_policy(tmp_path / name)
-
-    policy = clone("run")
+    settings = {**SMALL, "learning_rate": 3e-3}
+    Cloning(tmp_path / "run", [folder], steps=6000, sequences=16, settings=settings, threads=1).run()
+    policy: Any = load_policy(tmp_path / "run")
     shown = flight(20, seed=7)
     assert shown.options is not None and shown.mask is not None
     player = policy.player(1, deterministic=True)
@@ -78,6 +77,35 @@ def test_what_was_flown_is_learnt_and_an_interrupted_run_ends_the_same(tmp_path:
     ]
     np.testing.assert_array_equal(found, shown.options)
     assert policy.about.algorithm == "BC" and policy.about.context["recorded_steps"] == 70
+
+
+def test_an_interrupted_run_resumes_to_the_same_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    folder = recorded(tmp_path / "flights", flight(20), flight(12, seed=1))
+    settings = ["filters=[4]", "features=8", "memory_size=8", "hidden=[8]", "sequence=4", "corrupted_masks=0.5"]
+    given = ["--recordings", str(folder), "--steps", "96", "--num-envs", "4", "--threads", "1", "--set", *settings]
+
+    def clone(name: str) -> int:
+        return main(["imitate", *given, "--out", str(tmp_path / name)])
+
+    assert clone("whole") == 0
+    update = CloningTrainer.update
+
+    def interrupted(trainer: CloningTrainer) -> dict[str, float]:
+        if trainer.updates == 3:
+            raise KeyboardInterrupt
+        return update(trainer)
+
+    monkeypatch.setattr(CloningTrainer, "update", interrupted)
+    assert clone("parts") == 130
+    assert "resumes from step 16" in capsys.readouterr().err  # after the first of three updates; one a minute is kept
+    monkeypatch.setattr(CloningTrainer, "update", update)
+    assert clone("parts") == 0
+    assert "parts resumes from step 16 of 96.\n" in capsys.readouterr().out
+    assert rows(tmp_path / "parts") == rows(tmp_path / "whole") and len(rows(tmp_path / "whole")) == 6
+    flat = [load_policy(tmp_path / name).actor.stack.flat for name in ("whole", "parts")]
+    assert torch.equal(*flat)
 
 
 @pytest.mark.parametrize(

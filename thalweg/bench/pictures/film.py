@@ -3,17 +3,11 @@
 The episode is repeated from its start with the same random generator, so that the film shows the episode of the table.
 """
 
-import errno
-import os
-import shutil
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import imageio.v2 as imageio
-import imageio_ffmpeg
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
@@ -23,6 +17,7 @@ from thalweg.bench.evaluate.evaluation import Step
 from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX, FilmFormat
 from thalweg.bench.results.results import POSTER
 from thalweg.core.atomic_io import atomic_path, write_picture
+from thalweg.core.video import write_video
 from thalweg.render import Camera, Renderer
 from thalweg.world import World
 from thalweg.world.map_image import view
@@ -39,8 +34,6 @@ FINER, SMOOTH_STEPS = 4, 4
 """How much larger than shown tracks are drawn, and the steps on each side that smooth them."""
 UNFINISHED = "not flown to its end"
 """Caption of a flight without a reason for its end."""
-FULL_BYTES = 100_000
-"""Free space on a disk below which it counts as full."""
 
 
 @dataclass(frozen=True)
@@ -251,34 +244,23 @@ def write_film(
 ) -> None:
     """Write the film of a flight as H.264 in MP4, and the picture that shows the river best beside it, as a JPEG.
 
-    Both are written atomically. Raises `ResultsError` for a flight without steps.
+    Both are written atomically. Raises `ResultsError` for a flight without steps, and the errors of `write_video`.
     """
     if not len(flight.poses):
         raise ResultsError("a flight without a step cannot be filmed")
-    options = ["-crf", str(shape.crf), "-preset", "medium", "-movflags", "+faststart"]
-    settings = {"fps": FRAMES_PER_S, "codec": "libx264", "pixelformat": "yuv420p", "quality": None}
-    with atomic_path(path) as draft, _disk_errors_of_ffmpeg(path):
-        with imageio.get_writer(draft, output_params=options, **settings) as writer:
-            poster = None
-            for picture in film_frames(world, flight, policy, shape, camera, draw):
-                if poster is None or shows_river(picture, shape) > shows_river(poster, shape):
-                    poster = picture
-                writer.append_data(picture)  # pyright: ignore[reportAttributeAccessIssue]
-                if on_frame is not None:
-                    on_frame()
-            for _ in range(round(HOLD_S * FRAMES_PER_S)):
-                writer.append_data(picture)  # pyright: ignore
-        imageio_ffmpeg.count_frames_and_secs(str(draft))  # raises for a film without an end
+    poster: np.ndarray | None = None
+
+    def pictures() -> Iterator[np.ndarray]:
+        nonlocal poster
+        for picture in film_frames(world, flight, policy, shape, camera, draw):
+            if poster is None or shows_river(picture, shape) > shows_river(poster, shape):
+                poster = picture
+            yield picture
+            if on_frame is not None:
+                on_frame()
+        yield from [picture] * round(HOLD_S * FRAMES_PER_S)
+
+    with atomic_path(path) as draft:
+        write_video(draft, pictures(), FRAMES_PER_S, crf=shape.crf)
     assert poster is not None
     write_picture(path.with_suffix(POSTER), Image.fromarray(poster))
-
-
-@contextmanager
-def _disk_errors_of_ffmpeg(path: Path) -> Iterator[None]:
-    """Raise the error of a full disk, with the name of `path`, for one of ffmpeg, which only tells of a broken pipe."""
-    try:
-        yield
-    except (OSError, RuntimeError) as error:
-        if shutil.disk_usage(path.parent).free >= FULL_BYTES:
-            raise
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error

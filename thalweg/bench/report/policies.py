@@ -1,15 +1,20 @@
-"""The trained policies, the training level and the numbers of seeds that tables and figures show."""
+"""The trained policies, the training level, the numbers of seeds and what critics saw, as tables and figures show
+them."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.report.table import Table, is_published
 from thalweg.bench.results.inference import Estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import regret
 from thalweg.bench.suite.record import arms_of
+from thalweg.train.observations import SEEN_BY_CRITICS
 
+CRITICS_SEE = "critics see"
+"""Heading of what critics see in training."""
 COST_LIMIT = 0.1
 """Mean cost of an episode that every policy is judged by, whatever limit it was trained with."""
 
@@ -55,3 +60,30 @@ def limit_met(cost: Estimate, limit: float = COST_LIMIT) -> str:
     if cost.high <= limit:
         return "yes"
     return "no" if cost.low > limit else "unsure"
+
+
+def with_critics(table: Callable[[Results], Table]) -> Callable[[Results], Table]:
+    """Return a function that computes a table of policies, named in its column `policy`, with a last column
+    `critics see`.
+
+    Of the figures, the policies are in the column `algorithm`, or in `policy`. Results without a trained policy have no
+    such column. Critics of the published policies see what these do.
+    """
+
+    def with_column(results: Results) -> Table:
+        found = table(results)
+        if found.text.empty or not arms_of(results.suite):
+            return found
+        text, figures = found.text.copy(), found.figures.copy()
+        text[CRITICS_SEE] = [
+            SEEN_BY_CRITICS[False] if is_published(name) else results.critics_see(name) for name in text["policy"]
+        ]
+        in_code = "algorithm" in figures
+        published = figures["source"].map(is_published) if "source" in figures else [False] * len(figures)
+        named = zip(figures["algorithm" if in_code else "policy"], published, strict=True)
+        figures["critics_see" if in_code else CRITICS_SEE] = [
+            SEEN_BY_CRITICS[False] if other else results.critics_see(name) for name, other in named
+        ]
+        return Table(text, figures)
+
+    return with_column

@@ -14,7 +14,7 @@ from thalweg.bench.report.comparison_figures import condition_grid, return_profi
 from thalweg.bench.report.comparison_tables import condition_table, limit_table, pairwise_table
 from thalweg.bench.report.failure_maps import failures_on, levels_from_above
 from thalweg.bench.report.figures import failure_bars, training_curves
-from thalweg.bench.report.policies import COST_LIMIT
+from thalweg.bench.report.policies import COST_LIMIT, with_critics
 from thalweg.bench.report.price_figures import front_figure, training_costs
 from thalweg.bench.report.price_tables import area_table, price_table
 from thalweg.bench.report.published import SOURCE
@@ -87,7 +87,7 @@ SECTIONS: tuple[Section, ...] = (
     TableSection(
         "table",
         "Return and cost",
-        paper_table,
+        with_critics(paper_table),
         "Mean ± standard deviation over episodes. An episode returns at most 10 and costs at most 1. Every policy flew"
         f" the same list of starts, each once. Rows in italics are published figures ({SOURCE}), measured in another"
         " simulator on other rivers: they are here for orientation, not for comparison of values.",
@@ -119,7 +119,7 @@ SECTIONS: tuple[Section, ...] = (
     TableSection(
         "details",
         "In detail",
-        detail_table,
+        with_critics(detail_table),
         "In brackets: 95 % confidence intervals over training seeds, where there are three or more. IQM: interquartile"
         " mean, the mean of the middle half of the episodes. It has no interval where it is the same for all seeds,"
         " since equal values are no evidence of certainty. The stratified bootstrap is customary, but its intervals are"
@@ -128,7 +128,7 @@ SECTIONS: tuple[Section, ...] = (
     TableSection(
         "limits",
         "Is the limit met?",
-        limit_table,
+        with_critics(limit_table),
         f"On the training level of the suite. The limit is a mean cost of {COST_LIMIT} per episode, whatever limit a"
         " policy was trained with. It is met if the whole interval lies below it, not met if the whole interval lies"
         " above it, and otherwise unsure; with fewer than three seeds, the table only says on which side the mean lies."
@@ -149,7 +149,7 @@ SECTIONS: tuple[Section, ...] = (
     TableSection(
         "price",
         "What the limit costs",
-        price_table,
+        with_critics(price_table),
         "On the training level of the suite, each policy beside the limit that it was trained with. Flights above:"
         " share of episodes that cost more than the limit. Worst tenth costs: mean cost of the tenth of the episodes"
         " that cost most (CVaR). Below the oracle: how much more return is attainable at the policy's mean cost, or at"
@@ -219,7 +219,7 @@ SECTIONS: tuple[Section, ...] = (
     TableSection(
         "conditions",
         "Conditions one by one",
-        condition_table,
+        with_critics(condition_table),
         "Change: the difference in return from the main condition (sampled actions, default appearance), from the same"
         " starts.",
         fallback="",

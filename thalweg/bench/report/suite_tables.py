@@ -8,10 +8,11 @@ from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.onpolicy.config import OnPolicyConfig
 from thalweg.algos.planning.config import PlanningConfig
 from thalweg.algos.registry import Entry, installed_algorithm
+from thalweg.bench.report.policies import CRITICS_SEE
 from thalweg.bench.report.table import Cell, Table, frame, table_from_cells
 from thalweg.bench.results.results import RUN_COLUMNS, Results
 from thalweg.bench.suite.record import arms_of
-from thalweg.train.observations import FRAMES, SEEN_BY_CRITICS
+from thalweg.train.observations import FRAMES
 
 DOMAINS = {OnPolicyConfig: "on-policy", OffPolicyConfig: "off-policy", PlanningConfig: "model-based"}
 """The paper's domains, by the base class of their algorithms' configs."""
@@ -32,18 +33,17 @@ def constraint_method(entry: Entry) -> str:
 def algorithm_table(results: Results) -> Table:
     """Return the domain and the method of each arm of the suite; `unknown` where its algorithm no longer exists.
 
-    What the policies see is a column where it is not frames for all of them, and what critics see in training where
-    some see more, and so are version and source of plug-ins.
+    What the policies see is a column where it is not frames for all of them, and so are version and source of plug-ins
+    where there are any.
     """
     columns, rows, seen = ["policy", "domain", "limit kept by", "method"], list[list[Cell]](), results.observations
-    differs, told = any(observation != FRAMES for observation in seen.values()), results.with_asymmetric_critics
+    differs = any(observation != FRAMES for observation in seen.values())
     plugins = {arm["name"]: _plugin_of(results, arm) for arm in arms_of(results.suite)}
-    columns += ["observation"] * differs + ["critics see"] * bool(told) + ["plug-in"] * any(plugins.values())
+    columns += ["observation"] * differs + [CRITICS_SEE] + ["plug-in"] * any(plugins.values())
     for arm in arms_of(results.suite):
         entry = installed_algorithm(arm["algorithm"])
         rest = ["unknown"] * 3 if entry is None else [domain(entry), constraint_method(entry), entry.about]
-        critics = SEEN_BY_CRITICS[arm["name"] in told]
-        rows.append([arm["name"], *rest, *[seen[arm["name"]]] * differs, *[critics] * bool(told)])
+        rows.append([arm["name"], *rest, *[seen[arm["name"]]] * differs, results.critics_see(arm["name"])])
         rows[-1] += [plugins[arm["name"]] or "none"] * any(plugins.values())
     return table_from_cells(columns, rows)
 

@@ -27,7 +27,7 @@ from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.config import PACKAGED
 from thalweg.bench.suite.record import arms_of, observation_of, stages_of
 from thalweg.core.atomic_io import write_atomic
-from thalweg.train.observations import PRIVILEGED
+from thalweg.train.observations import PRIVILEGED, SEEN_BY_CRITICS
 
 RUN_COLUMNS = ("run", "kind", "algorithm", "seed", "steps", "status", "error", "wall_s", "steps_per_s")
 MAIN_FILM, FILMS = "film", "films"
@@ -215,6 +215,22 @@ class Results:
         if recorded and arm["name"] not in self.privileged:
             return any("privileged" in each for each in recorded)
         return by_settings and all(each.get(arm["algorithm"]) == version_of(arm["algorithm"]) for each in recorded)
+
+    def critics_see(self, policy: str) -> str:
+        """Return what critics of a policy saw in training, see `SEEN_BY_CRITICS`; `none` for one that was not trained.
+
+        Of a policy with other versions, whose defaults may have been others, it is what its runs recorded, or `unknown`
+        where records tell nothing: if it sees the privileged observation itself, or has been run again since.
+        """
+        name = self.outdated[policy].policy if policy in self.outdated else policy
+        arm = next((arm for arm in arms_of(self.suite) if arm["name"] == name), None)
+        if arm is None:
+            return "none"
+        if policy not in self.outdated:
+            return SEEN_BY_CRITICS[name in self.with_asymmetric_critics]
+        if name in self.privileged or name in {row.algorithm for row in self.runs}:
+            return "unknown"
+        return SEEN_BY_CRITICS[any("privileged" in self.versions.get(f"{name}-{seed}", {}) for seed in arm["seeds"])]
 
     @property
     def flights(self) -> set[tuple[str, str, int, str]]:

@@ -268,18 +268,20 @@ class Suite:
             )
 
     def _check_repeated(self) -> None:
-        """Raise `ValueError` for anything that is named twice: its results would count twice."""
+        """Raise `ValueError` for anything that is named twice: its results would count twice.
+
+        Labels and conditions are names of folders, which macOS and Windows do not tell apart by capitals.
+        """
         labels = [*(each.label for each in (*self.arms, *self.policies)), *self.baselines, PACKAGED]
-        for label in labels:
-            if labels.count(label) > 1:
-                raise ValueError(f"{label} is named twice; give one of them a name of its own")
+        if repeated := _same_folder(labels):
+            raise ValueError(f"{repeated}; give one of them a name of its own")
         _refuse_repeated("level", "test_levels", self.test_levels)
         names = [condition.name for condition in self.conditions]
         for name in names:
             if not name:
                 raise ValueError("a condition is called ''; letters, digits, - and . will do")
-            if names.count(name) > 1:
-                raise ValueError(f"condition {name} is named twice")
+        if repeated := _same_folder(names):
+            raise ValueError(f"condition {repeated}")
 
     def runs(self) -> tuple[Run, ...]:
         """Return all runs in order: those without training first."""
@@ -371,6 +373,17 @@ def _rivers(seeds: tuple[int, ...]) -> dict[str, Any]:
 def _without(data: dict[str, Any], **values: Any) -> dict[str, Any]:
     """Return the data without the keys that have these values."""
     return {key: value for key, value in data.items() if key not in values or value != values[key]}
+
+
+def _same_folder(names: Sequence[str]) -> str:
+    """Return what is wrong with the first name that stands twice, capitals aside; empty if none does."""
+    seen: dict[str, str] = {}
+    for name in names:
+        if (before := seen.setdefault(name.casefold(), name)) != name:
+            return f"{before} and {name} differ in capitals alone"
+        if names.count(name) > 1:
+            return f"{name} is named twice"
+    return ""
 
 
 def _refuse_repeated(what: str, where: str, values: Sequence[Any]) -> None:

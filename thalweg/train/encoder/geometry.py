@@ -4,6 +4,7 @@ Stored are poses; frames are drawn anew in each epoch, each under another look. 
 never trained on, under all looks, along flights and at random starts.
 """
 
+import csv
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from thalweg.core.compute.device import resolve_device
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, EncoderInputError, load_encoder
 from thalweg.encoder.checkpoint import check_folder
-from thalweg.encoder.files import FILE
+from thalweg.encoder.files import FILE, EncoderFileError
 from thalweg.encoder.geometry import GeometryConfig, Scale
 from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, Labelled, train_geometry, write_geometry
 from thalweg.encoder.linear_probe import probe_r_squared
@@ -40,6 +41,8 @@ FITTED = 4096
 """Greatest number of frames of the rivers of training that the linear probe is fitted to."""
 SHOWN = ("left bank", "right bank", "heading error", "height")
 """Quantities that decide a flight."""
+PROBE = "probe.csv"
+"""Name of the table of R² of linear probes, the last file that a training writes."""
 KINDS = {"flights": flight_views, "starts": start_views}
 """Kinds of views on which codes are judged."""
 VERSION = 1
@@ -84,7 +87,7 @@ class GeometryTraining:
     """Command, which is stored in the encoder's file."""
 
     def run(self, *, progress: bool = True) -> "GeometryResult":
-        """Train and measure, or resume the training in the folder.
+        """Train and measure, or resume the training in the folder; a finished one is read, and nothing is drawn.
 
         Raises `EncoderInputError` for settings out of range, `EncoderFileError` for the folder of another training and
         `WorldError` for an unknown level, before anything is drawn.
@@ -92,6 +95,9 @@ class GeometryTraining:
         self._check()
         device = resolve_device(self.device)
         check_folder(self.folder, GEOMETRY_FOLDER, {**self._identity, "epochs": self.epochs, "seed": self.seed})
+        path, table = self.folder / FILE, self.folder / PROBE
+        if path.is_file() and table.is_file():
+            return GeometryResult(path, read_probe(table))
         compilation.begin()
         with ThreadPoolExecutor(1, "thalweg-held-out") as worker:  # loading rivers takes one core each
             judged = worker.submit(self._judged)
@@ -119,9 +125,8 @@ class GeometryTraining:
             for name, each in {"geometry": encoder, "default": load_encoder()}.items()
             for kind, views in held_out.items()
         }
-        path = self.folder / FILE
         write_geometry(path, network, {**self._about, "r_squared": _as_data(scores)})
-        write_atomic(self.folder / "probe.csv", probe_table(scores))
+        write_atomic(table, probe_table(scores))
         return GeometryResult(path, scores)
 
     def _check(self) -> None:
@@ -271,6 +276,20 @@ def probe_table(scores: dict[tuple[str, str], np.ndarray]) -> str:
     for (name, kind), found in scores.items():
         lines.append(",".join((name, kind, *("" if np.isnan(value) else f"{value:.4f}" for value in found))))
     return "\n".join(lines) + "\n"
+
+
+def read_probe(path: Path) -> dict[tuple[str, str], np.ndarray]:
+    """Return the R² [T] of probes by encoder and kind of views from the table that `probe_table` made.
+
+    Raises `EncoderFileError`, which names the file, for another table.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+        names = [name.replace(" ", "_") for name in TARGETS]
+        return {(row["encoder"], row["views"]): np.array([float(row[name] or "nan") for name in names]) for row in rows}
+    except (KeyError, TypeError, ValueError) as error:
+        raise EncoderFileError(f"{path}: not the table of a training of geometry ({error!r})") from error
 
 
 def _as_data(scores: dict[tuple[str, str], np.ndarray]) -> dict[str, dict[str, float | None]]:

@@ -21,13 +21,13 @@ from thalweg.core.run_folder import FolderKind
 from thalweg.core.seeds import compact_seeds
 from thalweg.encoder.checkpoint import check_folder, restore_state, state_tensors
 from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, write_tensors
-from thalweg.encoder.training import Row, epoch_generator, progress_bar, write_rows
+from thalweg.encoder.training import Row, epoch_generator, progress_bar, say_resumed, write_rows
 from thalweg.encoder.vae import EncoderInputError
 from thalweg.encoder.water import WaterSegmenter, colours_of, mean_iou, save_segmenter, water_in
 from thalweg.render import RENDER_VERSION, Renderer
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.encoder.frames import BATCH, clock_times, sample_poses
-from thalweg.world import load_or_build
+from thalweg.world import level_named, load_or_build
 
 KIND, PREFIX, CHECKPOINT, FILE = "water training", "network.", "checkpoint.safetensors", "water.safetensors"
 WATER_FOLDER = FolderKind(KIND, CHECKPOINT, EncoderFileError)
@@ -60,26 +60,49 @@ class WaterTraining:
     command: str = ""
     """The command line, which is written to the file."""
 
-    def run(self, *, progress: bool = True) -> tuple[Path, float]:
-        """Train, or resume; returns the file and the mean IoU on frames held out.
+    def run(self, *, progress: bool = True) -> "WaterResult":
+        """Train, or resume; a folder whose training is finished is read, and nothing is drawn.
 
         Raises `EncoderInputError` for numbers out of range, `EncoderFileError` for the folder of another training, and
         `WorldError` for an unknown level.
         """
+        self._check()
+        run, path = self._identity(), self.folder / FILE
+        check_folder(self.folder, WATER_FOLDER, run)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        state = _State(run)
+        rows = state.resume(self.folder / CHECKPOINT)
+        finished = len(rows) == self.epochs and path.is_file()
+        if len(rows) < self.epochs:
+            self._learn(state, rows, progress)
+        iou = float(rows[-1]["held_out_iou"] or 0.0)
+        if not finished:
+            about = {"run": run, "held_out_iou": iou, "render_version": RENDER_VERSION, "command": self.command}
+            about |= {"thalweg": package_version("thalweg"), "torch": torch.__version__}
+            save_segmenter(path, state.network, about)
+        return WaterResult(path, iou, already_finished=finished)
+
+    def _check(self) -> None:
+        """Raise an error for settings that don't fit."""
+        names = [level_named(level).name for level in self.levels]
+        if not names or len(set(names)) < len(names):
+            raise EncoderInputError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
         for name in ("images", "held_out", "epochs"):
             if getattr(self, name) < 1:
                 raise EncoderInputError(f"{name} must be at least 1, not {getattr(self, name)}")
         if shared := set(self.world_seeds) & set(self.held_out_seeds):
             raise EncoderInputError(f"held_out_seeds must be others than world_seeds, but {min(shared)} is in both")
-        run = self._identity()
-        check_folder(self.folder, WATER_FOLDER, run)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        state = _State(run)
-        rows = state.resume(self.folder / CHECKPOINT)
-        shown = Renderer([load_or_build(level, seed) for level in self.levels for seed in self.world_seeds])
-        judged = Renderer([load_or_build(level, seed) for level in self.levels for seed in self.held_out_seeds])
+
+    def _learn(self, state: "_State", rows: list[Row], progress: bool) -> None:
+        """Take the epochs that are missing in `rows`, and add a row for each."""
+        shown, judged = (
+            Renderer([load_or_build(level, seed) for level in self.levels for seed in seeds])
+            for seeds in (self.world_seeds, self.held_out_seeds)
+        )
         held_out = draw(judged, self.held_out, self.seed + 1_000_003)
         threads = default_torch_threads()
+        if progress:
+            say_resumed(self.folder, len(rows), self.epochs)
         with progress_bar(progress) as bar:
             task = bar.add_task("training the finder of water", total=self.epochs, completed=len(rows), note="")
             for epoch in range(len(rows), self.epochs):
@@ -89,16 +112,11 @@ class WaterTraining:
                 state.save(self.folder / CHECKPOINT, rows)
                 write_rows(self.folder / "metrics.csv", COLUMNS, rows)
                 bar.update(task, advance=1, note=f"IoU held out {rows[-1]['held_out_iou']:.3f}")
-        iou = float(rows[-1]["held_out_iou"] or 0.0)
-        about = {"run": run, "held_out_iou": iou, "render_version": RENDER_VERSION, "command": self.command}
-        about |= {"thalweg": package_version("thalweg"), "torch": torch.__version__}
-        save_segmenter(self.folder / FILE, state.network, about)
-        return self.folder / FILE, iou
 
     def _identity(self) -> dict[str, Any]:
         """Return what distinguishes the training from others."""
         return {
-            "levels": list(self.levels),
+            "levels": [level_named(level).name for level in self.levels],
             "world_seeds": compact_seeds(self.world_seeds),
             "held_out_seeds": compact_seeds(self.held_out_seeds),
             "images": self.images,
@@ -106,6 +124,18 @@ class WaterTraining:
             "epochs": self.epochs,
             "seed": self.seed,
         }
+
+
+@dataclass(frozen=True)
+class WaterResult:
+    """File and measurement of a finished training."""
+
+    path: Path
+    """The file of the finder of water."""
+    iou: float
+    """Mean over frames held out of the IoU of water found and true."""
+    already_finished: bool
+    """Whether the training was finished before, so that nothing was trained."""
 
 
 def draw(renderer: Renderer, count: int, seed: int) -> np.ndarray:

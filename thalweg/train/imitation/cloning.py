@@ -32,6 +32,7 @@ from thalweg.train.imitation.flights import lesson_of
 from thalweg.train.imitation.mask_noise import corrupt
 from thalweg.train.imitation.mirroring import mirror
 from thalweg.train.imitation.recorded_flights import RecordedFlights
+from thalweg.train.imitation.student_trainer import StudentTrainer
 from thalweg.train.imitation.teachers import OPTIONS
 from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics
 from thalweg.train.run_in_folder import RunResult, check_numbers, open_folder, result_of, train_to_end
@@ -119,36 +120,24 @@ class Cloning:
         }
 
 
-class CloningTrainer:
-    """Draws sequences of recorded steps and learns from them; see `thalweg.train.loop.AnyTrainer` for its members."""
+class CloningTrainer(StudentTrainer):
+    """Draws sequences of recorded steps and learns from them; it touches no file."""
 
     def __init__(
         self, flights: RecordedFlights, student: Student, steps: int, sequences: int, seed: int, threads: int
     ) -> None:
         """Learn from `steps` steps, `sequences` sequences at a time."""
-        self.recorded, self.student, self.steps, self.seed, self.threads = flights, student, steps, seed, threads
-        self.sequences = sequences
+        super().__init__(
+            student, EpisodeStatistics(1, [""]), ("draw", "learn"), steps=steps, seed=seed, threads=threads
+        )
+        self.recorded, self.sequences = flights, sequences
         self.rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2,)))
-        self.statistics = EpisodeStatistics(1, [""])
-        self.stages = {"draw": 0.0, "learn": 0.0}
-        self.updates, self.seconds = 0, 0.0
-        self.warned: dict[str, str] = {}
         self._lesson: Lesson | None = None
 
     def start(self, state: dict[str, Any] | None = None) -> None:
         """Begin, or resume from a state."""
         if state is not None:
             self.load_state(state)
-
-    @property
-    def policy(self) -> Any:
-        """The student's policy."""
-        return self.student.policy
-
-    @property
-    def done(self) -> bool:
-        """Whether all steps are taken."""
-        return self.statistics.steps >= self.steps
 
     @property
     def ready(self) -> bool:
@@ -171,29 +160,18 @@ class CloningTrainer:
     def update(self) -> dict[str, float]:
         """Learn from the sequences that were drawn; returns losses and learning rate."""
         assert self._lesson is not None
-        student, before = self.student, time.perf_counter()
-        student.decay(self.statistics.steps / self.steps)
-        with torch_threads(self.threads):
-            found = student.learn(self._lesson)
+        self.student.decay(self.statistics.steps / self.steps)
+        found = self.learn(self._lesson)
         self._lesson = None
         self.updates += 1
-        self.stages["learn"] += time.perf_counter() - before
         losses = {name: found[name] for name in LOSSES[:2]}  # the others predict what is not recorded
-        return {**losses, "learning_rate": student.optimiser.rate}
+        return {**losses, "learning_rate": self.student.optimiser.rate}
 
     def state(self) -> dict[str, Any]:
         """Return everything that the rest of the run depends on; valid between updates."""
-        return {
-            "student": self.student.state(),
-            "statistics": self.statistics.state(),
-            "rng": self.rng.bit_generator.state,
-            "updates": self.updates,
-            "seconds": self.seconds,
-        }
+        return super().state() | {"rng": self.rng.bit_generator.state}
 
     def load_state(self, state: dict[str, Any]) -> None:
         """Restore what `state` returned."""
-        self.student.load_state(state["student"])
-        self.statistics.load_state(state["statistics"])
+        super().load_state(state)
         self.rng.bit_generator.state = state["rng"]
-        self.updates, self.seconds = int(state["updates"]), float(state["seconds"])

@@ -5,29 +5,30 @@ from typing import Any
 
 import numpy as np
 
-from thalweg.algos.imitation.student import Lesson, Student
+from thalweg.algos.imitation.student import Student
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.env import RiverVectorEnv
 from thalweg.train.imitation.flights import Flights
 from thalweg.train.imitation.sequences import SequenceStore
+from thalweg.train.imitation.student_trainer import StudentTrainer
 from thalweg.train.rollouts.collector import done_reason_names, env_seeds, world_names
 from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics, StepRecord
 
 
-class ImitationTrainer:
-    """Flies and learns; it touches no file. For its members see `thalweg.train.trainer.Trainer`."""
+class ImitationTrainer(StudentTrainer):
+    """Flies and learns; it touches no file."""
 
     def __init__(self, env: RiverVectorEnv, student: Student, steps: int, seed: int, threads: int) -> None:
         """Fly `steps` steps, all environments together; `threads` is for learning."""
-        self.env, self.student, self.steps, self.seed, self.threads = env, student, steps, seed, threads
+        statistics = EpisodeStatistics(env.num_envs, world_names(env), done_reason_names(env))
+        super().__init__(
+            student, statistics, ("act", "env", "learn", "redraw"), steps=steps, seed=seed, threads=threads
+        )
+        self.env = env
         self.flights = Flights(env, student, seed)
         self.store = SequenceStore(student.config.capacity, student.config.sequence)
-        self.statistics = EpisodeStatistics(env.num_envs, world_names(env), done_reason_names(env))
         self._restarted = np.arange(env.num_envs) < round(student.config.start_share * env.num_envs)
         """[N] whether flights begin anew every `start_steps`. Statistics leave them out: only failures would end."""
-        self.stages = {"act": 0.0, "env": 0.0, "learn": 0.0, "redraw": 0.0}
-        self.updates, self.seconds = 0, 0.0
-        self.warned: dict[str, str] = {}
 
     def start(self, state: dict[str, Any] | None = None) -> None:
         """Reset all environments, or resume from a state."""
@@ -35,16 +36,6 @@ class ImitationTrainer:
             self.flights.reset(env_seeds(self.seed, 0, self.env.num_envs))
         else:
             self.load_state(state)
-
-    @property
-    def policy(self) -> Any:
-        """The student's policy."""
-        return self.student.policy
-
-    @property
-    def done(self) -> bool:
-        """Whether all steps are taken."""
-        return self.statistics.steps >= self.steps
 
     @property
     def ready(self) -> bool:
@@ -86,7 +77,7 @@ class ImitationTrainer:
         lesson = self.flights.lesson(sequences)
         with torch_threads(self.threads):
             student.update_scale(lesson.privileged.flatten(0, 1))
-        losses = self._learn(lesson)
+        losses = self.learn(lesson)
         found = dict(losses)
         replayed = round(config.replay * self.env.num_envs)
         if self.store.count and replayed:
@@ -94,7 +85,7 @@ class ImitationTrainer:
             before = time.perf_counter()
             again = self.flights.drawn_again(self.store.take(chosen))
             self.stages["redraw"] += time.perf_counter() - before
-            found |= {f"replayed_{name}": value for name, value in self._learn(again).items()}
+            found |= {f"replayed_{name}": value for name, value in self.learn(again).items()}
         else:
             found |= {f"replayed_{name}": float("nan") for name in losses}
         if len(sequences.fresh) == config.sequence:
@@ -104,29 +95,12 @@ class ImitationTrainer:
         self.updates += 1
         return {**found, "learning_rate": student.optimiser.rate, "stored_steps": self.store.count * config.sequence}
 
-    def _learn(self, lesson: Lesson) -> dict[str, float]:
-        """Learn from a lesson; returns the losses."""
-        before = time.perf_counter()
-        with torch_threads(self.threads):
-            losses = self.student.learn(lesson)
-        self.stages["learn"] += time.perf_counter() - before
-        return losses
-
     def state(self) -> dict[str, Any]:
         """Return everything that the rest of the run depends on; valid between updates."""
-        return {
-            "flights": self.flights.state(),
-            "student": self.student.state(),
-            "store": self.store.state(),
-            "statistics": self.statistics.state(),
-            "updates": self.updates,
-            "seconds": self.seconds,
-        }
+        return super().state() | {"flights": self.flights.state(), "store": self.store.state()}
 
     def load_state(self, state: dict[str, Any]) -> None:
         """Restore what `state` returned."""
-        self.statistics.load_state(state["statistics"])
-        self.student.load_state(state["student"])
+        super().load_state(state)
         self.store.load_state(state["store"])
         self.flights.load_state(state["flights"])
-        self.updates, self.seconds = int(state["updates"]), float(state["seconds"])

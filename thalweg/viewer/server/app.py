@@ -17,6 +17,7 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from thalweg.core.atomic_io import ON_WINDOWS
 from thalweg.viewer.errors import ViewerError
 from thalweg.viewer.flight.cockpit import Policies
 from thalweg.viewer.flight.flyers import HAND
@@ -110,7 +111,9 @@ def bind(port: int | None, host: str = LOOPBACK[0]) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     for each in tries:
         bound = socket.socket(family, socket.SOCK_STREAM)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        # On Windows the first of these options would share a port with a program that has it.
+        reuse = "SO_EXCLUSIVEADDRUSE" if ON_WINDOWS else "SO_REUSEADDR"
+        bound.setsockopt(socket.SOL_SOCKET, getattr(socket, reuse), 1)
         try:
             bound.bind((host, each))
         except (OSError, OverflowError) as error:

@@ -1,0 +1,81 @@
+"""Tests of videos: what is read is what was written, and what ffmpeg does not say of its errors."""
+
+import errno
+from collections import namedtuple
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from thalweg.core.atomic_io import atomic_path
+from thalweg.core.video import VideoError, open_video, read_video, write_video
+
+FRAMES = np.repeat(np.arange(6, dtype=np.uint8) * 40, 32 * 34 * 3).reshape(6, 32, 34, 3)
+
+
+def test_frames_and_their_rate_are_read_as_they_were_written(tmp_path: Path):
+    assert write_video(tmp_path / "a.mp4", iter(FRAMES), 12.5, crf=1, key_every=2) == 6
+    with open_video(tmp_path / "a.mp4") as video:
+        found = np.stack(list(video.frames))
+    assert video.fps == 12.5 and found.shape == FRAMES.shape
+    assert np.abs(found.astype(int) - FRAMES).max() <= 2  # rounding of luma and chroma
+
+
+def test_without_a_frame_nothing_is_written(tmp_path: Path):
+    assert write_video(tmp_path / "a.mp4", [], 4, crf=20) == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_odd_sides_are_refused(tmp_path: Path):
+    with pytest.raises(VideoError, match="an even height and width, not 32 x 33"):
+        write_video(tmp_path / "a.mp4", FRAMES[:, :, :33], 4, crf=20)
+
+
+def test_what_is_no_video_is_named(tmp_path: Path):
+    path = tmp_path / "a.mp4"
+    with pytest.raises(FileNotFoundError) as missing:
+        list(read_video(path))
+    assert missing.value.filename == str(path)
+    path.write_bytes(b"no video")
+    with pytest.raises(VideoError, match=r"a\.mp4 cannot be read as a video: "):
+        list(read_video(path))
+
+
+def test_a_rate_that_is_not_known_is_not_a_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "a.mp4").touch()
+    monkeypatch.setattr("imageio_ffmpeg.read_frames", lambda _: (each for each in [{"size": (64, 64)}]))
+    with open_video(tmp_path / "a.mp4") as video:
+        assert np.isnan(video.fps) and list(video.frames) == []
+
+
+def test_errors_in_drawing_frames_are_not_those_of_the_video(tmp_path: Path):
+    def frames() -> Iterator[np.ndarray]:
+        yield FRAMES[0]
+        raise OSError("the scene is broken")
+
+    with pytest.raises(OSError, match="the scene is broken"):
+        write_video(tmp_path / "a.mp4", frames(), 4, crf=20)
+
+
+@pytest.mark.parametrize("place", ["write_frames", "count_frames_and_secs"])
+@pytest.mark.parametrize("free", [0, 10**9], ids=["full", "not full"])
+def test_a_pipe_to_ffmpeg_that_breaks_on_a_full_disk_is_the_error_of_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, place: str
+):
+    def broken(*_: object, **__: object):
+        raise OSError("FFMPEG COMMAND ...\n[Errno 32] Broken pipe")
+
+    monkeypatch.setattr(f"imageio_ffmpeg.{place}", broken)
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage(10**9, 10**9 - free, free))
+    path = tmp_path / "film.mp4"
+    with pytest.raises((OSError, VideoError)) as raised, atomic_path(path) as draft:
+        write_video(draft, FRAMES, 4, crf=20)
+    if free:
+        assert isinstance(raised.value, VideoError)
+        assert str(raised.value).endswith("cannot be written as a video: [Errno 32] Broken pipe")
+    else:
+        assert isinstance(raised.value, OSError)
+        assert (raised.value.errno, raised.value.filename) == (errno.ENOSPC, str(path))
+    assert list(tmp_path.iterdir()) == []

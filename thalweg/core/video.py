@@ -1,0 +1,130 @@
+"""Videos as H.264, written and read a frame at a time by the ffmpeg of `imageio-ffmpeg`."""
+
+import errno
+import os
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import imageio_ffmpeg
+import numpy as np
+
+CODEC, PIXELS = "libx264", "yuv420p"
+"""Encoder, and format of the pixels, whose colours have half the height and width of the frame."""
+FULL_BYTES = 100_000
+"""Free space on a disk below which it counts as full."""
+
+
+class VideoError(ValueError):
+    """A video that cannot be read or written; the message names it."""
+
+
+@dataclass(frozen=True)
+class Video:
+    """A video that is being read."""
+
+    fps: float
+    """Frames a second; NaN if the file does not say."""
+    frames: Iterator[np.ndarray]
+    """Frames [H, W, 3] uint8, one after the other; raises `VideoError` where they are damaged."""
+
+
+def write_video(path: Path, frames: Iterable[np.ndarray], fps: float, *, crf: int, key_every: int | None = None) -> int:
+    """Write frames [H, W, 3] uint8, all of one size, and return how many there are; writes no file without any.
+
+    Args:
+        path: File that does not exist yet.
+        frames: The frames.
+        fps: Frames a second.
+        crf: Constant rate factor of H.264, from 0, lossless, to 51.
+        key_every: Frames between two key frames, from which reading can begin; None leaves them to the encoder.
+
+    Raises `VideoError` for sides that are odd, and for what ffmpeg does not take, and `OSError` for a full disk.
+    """
+    writer, count = None, 0
+    try:
+        for frame in frames:
+            with _errors_of_writing(path):
+                if writer is None:
+                    writer = _begin(path, frame, fps, crf, key_every)
+                writer.send(np.ascontiguousarray(frame))
+            count += 1
+    finally:
+        if writer is not None:
+            writer.close()
+    if count:
+        with _errors_of_writing(path):
+            imageio_ffmpeg.count_frames_and_secs(str(path))  # raises for a video without an end
+    return count
+
+
+def _begin(path: Path, frame: np.ndarray, fps: float, crf: int, key_every: int | None) -> Any:
+    """Return a writer of frames of the size of `frame`."""
+    height, width = frame.shape[:2]
+    if height % 2 or width % 2:
+        raise VideoError(f"a video needs an even height and width, not {height} x {width}")
+    keys = [] if key_every is None else ["-g", str(key_every)]
+    settings: Any = {"codec": CODEC, "pix_fmt_out": PIXELS, "quality": None, "macro_block_size": 1}
+    options = ["-crf", str(crf), *keys, "-movflags", "+faststart"]
+    writer = imageio_ffmpeg.write_frames(str(path), (width, height), fps=fps, output_params=options, **settings)
+    writer.send(None)
+    return writer
+
+
+@contextmanager
+def open_video(path: Path) -> Iterator[Video]:
+    """Yield a video; raises `VideoError` for a file that is none, and `FileNotFoundError`."""
+    if not path.is_file():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
+    reader = imageio_ffmpeg.read_frames(str(path))
+    try:
+        with _errors_of_reading(path):
+            about: Any = next(reader)
+            width, height = about["size"]
+        yield Video(float(about.get("fps") or np.nan), _frames(reader, path, (height, width, 3)))
+    finally:
+        reader.close()
+
+
+def read_video(path: Path) -> Iterator[np.ndarray]:
+    """Yield all frames [H, W, 3] uint8 of a video; raises the errors of `open_video`."""
+    with open_video(path) as video:
+        yield from video.frames
+
+
+def _frames(reader: Any, path: Path, shape: tuple[int, int, int]) -> Iterator[np.ndarray]:
+    while True:
+        with _errors_of_reading(path):
+            frame = next(reader, None)
+        if frame is None:
+            return
+        yield np.frombuffer(frame, np.uint8).reshape(shape)
+
+
+@contextmanager
+def _errors_of_reading(path: Path) -> Iterator[None]:
+    """Raise ffmpeg's errors as `VideoError`, with the last line of what it says."""
+    try:
+        yield
+    except (OSError, RuntimeError, IndexError, KeyError, StopIteration) as error:
+        raise VideoError(f"{path} cannot be read as a video{_reason(error)}") from error
+
+
+@contextmanager
+def _errors_of_writing(path: Path) -> Iterator[None]:
+    """Raise ffmpeg's errors, which tell only of a broken pipe, as that of a full disk or as `VideoError`."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        if shutil.disk_usage(path.parent).free < FULL_BYTES:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
+        raise VideoError(f"{path} cannot be written as a video{_reason(error)}") from error
+
+
+def _reason(error: BaseException) -> str:
+    """Return the last line of an error after a colon; nothing without one."""
+    lines = str(error).strip().splitlines()
+    return f": {lines[-1]}" if lines else ""

@@ -19,19 +19,22 @@ HEAVY = ["numba", "llvmlite", "scipy", "pydantic", "PIL", "safetensors", "yaml",
 OPTIONAL = sorted({module for modules in EXTRAS.values() for module in modules})
 WITHOUT = """
 import sys
-class Missing:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {missing!r}:
-            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
-sys.meta_path.insert(0, Missing())
+from importlib.machinery import PathFinder
+class Rest(PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
+        return None if name.partition(".")[0] in {missing!r} else super().find_spec(name, path, target)
+sys.meta_path = [Rest if finder is PathFinder else finder for finder in sys.meta_path]
 {code}
 """
 
 
-def run_without(missing: list[str], code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+def run_without(
+    missing: list[str], code: str, *arguments: str, cwd: Path | None = None
+) -> subprocess.CompletedProcess[str]:
     """Run code in a process in which some modules are not installed."""
     command = [sys.executable, "-c", WITHOUT.format(missing=missing, code=code), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
 
 
 ENVIRONMENTS = """
@@ -77,6 +80,39 @@ def test_a_command_names_the_extra_that_it_needs(missing: list[str], arguments: 
     assert ended.stderr.startswith(f"thalweg: {told}") and ended.stderr.count("\n") == 1
 
 
+def declared() -> dict[str, list[str]]:
+    """Return the requirements of each extra in the project's file."""
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+
+
+def modules_of(extra: str) -> set[str]:
+    """Return the optional modules that an extra installs, those of the extras that it names included."""
+    others = [name for each in declared()[extra] if each.startswith("thalweg[") for name in each[8:-1].split(",")]
+    return set(EXTRAS[extra]).union(*(modules_of(other) for other in others))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("extra", "arguments", "status", "told"),
+    [
+        (
+            "record",
+            ["record", "packaged", "--level", "easy", "--episodes", "1", "--steps", "2", "--size", "32"],
+            0,
+            "1 flights",
+        ),
+        ("export", ["export", "--out", "policy.onnx"], 0, "acts as the policy does"),
+        ("viewer", ["fly", "--host", "0.0.0.0"], 2, "would serve on all addresses"),
+    ],
+)
+def test_an_extra_brings_all_that_its_command_needs(
+    extra: str, arguments: list[str], status: int, told: str, tmp_path: Path, easy_world: World
+):
+    missing = sorted(set(OPTIONAL) - modules_of(extra))
+    ended = run_without(missing, SCRIPT, *arguments, cwd=tmp_path)
+    assert (ended.returncode, told in ended.stdout + ended.stderr) == (status, True), ended.stderr
+
+
 @pytest.mark.parametrize(
     ("module", "advice"),
     [
@@ -90,14 +126,13 @@ def test_advice_names_the_extra_of_a_module(module: str, advice: str | None):
 
 
 def test_the_extras_are_those_of_the_projects_file():
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     own = {"thalweg", "numpy"}  # NumPy is in no extra but to be held below a version
     names = {
-        extra: {re.split(r"[\[<>=]", requirement)[0].replace("-", "_") for requirement in declared[extra]} - own
+        extra: {re.split(r"[\[<>=]", requirement)[0].replace("-", "_") for requirement in declared()[extra]} - own
         for extra in EXTRAS
     }
     assert names == {extra: set(modules) - {"cuda"} for extra, modules in EXTRAS.items()}
-    assert declared["all"] == ["thalweg[learn,cli,plot,film,geo,viewer,record,export]"]
+    assert declared()["all"] == ["thalweg[learn,cli,plot,film,geo,viewer,record,export]"]
 
 
 def test_the_version_is_that_of_the_installation():

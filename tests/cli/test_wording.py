@@ -6,6 +6,7 @@ import pytest
 
 from thalweg.cli.encoder import EncoderTrain
 from thalweg.cli.evaluate import Evaluate
+from thalweg.cli.imitate import Imitate
 from thalweg.cli.options import RiverFile
 from thalweg.cli.train import Train
 from thalweg.cli.wording import in_options
@@ -30,6 +31,12 @@ TRAIN = Train(Path("x"))
             "length_m is 3 m; expected 15 to 10400 m",
             "--length-m is 3 m; expected 15 to 10400 m; such as --length-m 300",
         ),
+        (
+            Imitate(),
+            "in_memory must be at least 96 for 192 rivers, not 1",
+            "--rivers-in-memory must be at least 96 for 192 rivers, not 1; such as --rivers-in-memory 8",
+        ),
+        (Evaluate("hover"), "in_memory must be at least 96", "in_memory must be at least 96"),
         (Evaluate("hover"), "policy is none", "policy is none"),
         (EncoderTrain(Path("x")), "latent must be 1 or more", "--latent must be 1 or more; such as --latent 16"),
     ],

@@ -23,6 +23,8 @@ EXAMPLES = {
     "smooth_m": "4",
 }
 """Values to try of options without a default."""
+OTHER_NAMES = {"in_memory": "rivers_in_memory"}
+"""Arguments that are named otherwise than the options that they are passed as."""
 VERBS = "must|is|are"
 
 
@@ -34,6 +36,9 @@ def in_options(message: str, command: Any) -> str:
     wrong, one to try is added.
     """
     options = {name: (f"--{name.replace('_', '-')}", example) for name, example in _fields_of(command)}
+    for argument, name in OTHER_NAMES.items():
+        if name in options:
+            message = re.sub(rf"(?<![-\w.]){argument}(?= )", name, message)
     for name, (option, _) in options.items():
         message = re.sub(rf"(?<![-\w.]){name}=(?=\w)", f"{option} ", message)
         if "_" in name:

@@ -131,7 +131,9 @@ def test_recordings_that_do_not_fit_are_refused_by_name(
 
 def test_too_few_steps_and_predictions_are_refused(tmp_path: Path):
     folder = recorded(tmp_path / "short", flight(3))
-    with pytest.raises(TrainingError, match="have 3 steps; a sequence has 4"):
+    with pytest.raises(
+        TrainingError, match="have 3 steps, fewer than the 4 of one sequence: record more, or set sequence=3"
+    ):
         Cloning(tmp_path / "run", [folder], steps=10, settings=SMALL).run()
     with pytest.raises(TrainingError, match="auxiliary_weight must be 0"):
         Cloning(tmp_path / "run", [folder], steps=10, settings={"auxiliary_weight": 0.3}).run()

@@ -81,7 +81,8 @@ class Cloning:
         flights = RecordedFlights(self.recordings, config.observation)
         if len(flights.first) < config.sequence:
             raise TrainingError(
-                f"the recordings have {len(flights.first)} steps; a sequence has {config.sequence}: record more"
+                f"the recordings have {len(flights.first)} steps, fewer than the {config.sequence} of one sequence:"
+                f" record more, or set sequence={len(flights.first)}"
             )
         identity = self._identity(config, flights)
         status = open_folder(self.folder, identity, threads)

@@ -214,6 +214,18 @@ def test_nothing_is_wider_than_a_phone_and_a_picture_can_be_enlarged(browser: Br
     assert browser.run(WIDEST) == 360
 
 
+def test_no_table_of_the_study_is_clipped_on_a_laptop(browser: Browser):
+    root = HERE.parents[2]
+    style = (root / "thalweg" / "bench" / "report" / "page.css").read_text(encoding="utf-8")
+    browser.open(root / "benchmarks" / "paper" / "report" / "report.html", width=1280)
+    browser.run("document.querySelector('style').textContent = arguments[0]", style)  # as it is written today
+    boxes = browser.run(
+        "return [...document.querySelectorAll('.wide')].map((box) => [box.ariaLabel, box.scrollWidth, box.clientWidth])"
+    )
+    assert {"Return and cost", "In detail"} <= {name for name, *_ in boxes}
+    assert [name for name, whole, shown in boxes if whole > shown] == []
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_first_column_stays_in_sight_when_a_table_is_scrolled(browser: Browser, page: Path, scheme: str):
     browser.open(page, 360, scheme)

@@ -1,4 +1,4 @@
-"""Multipliers and costs over the steps of runs of `known_answer.py` that miss what is required.
+"""Multipliers or budgets, and costs, over the steps of runs of `known_answer.py` that miss what is required.
 
     python benchmarks/known_answer_traces.py [--only ALGORITHM ...]
 
@@ -30,14 +30,26 @@ RUNS = (
     ("OnCRPO", "two", 1),
     ("DDPGLag", "mixture", 3),
     ("TD3Lag", "end", 4),
+    ("SACLag", "mixture", 4),
+    ("DDPGLag", "end", 4),
+    ("DDPGLag", "dense", 4),
+    ("DDPGLag", "two", 3),
+    ("DDPGLag", "two", 4),
+    ("TD3Lag", "mixture", 0),
+    ("SACLag", "end", 2),
+    ("SACLag", "end", 3),
+    ("TD3Lag", "two", 3),
+    *(("SafeLOOP", "mixture", seed) for seed in range(5)),
 )
 """Algorithm, problem and seed of each run."""
 INTERVAL = 2048
 """Steps between two rows of a run."""
 KEY = ("algorithm", "problem", "seed", "algorithm_version", "training_version")
-COLUMNS = (*KEY, "steps", "multiplier", "cost_mean_50", "return_mean_50")
-"""With two limits, `multiplier` has two numbers, for tight and for loose costs; it is empty for an algorithm without.
-`cost_mean_50` is the sum of all costs."""
+COLUMNS = (*KEY, "steps", "multiplier", "budget", "cost_mean_50", "return_mean_50")
+"""With two limits, `multiplier` has two numbers, for tight and for loose costs, and so has `budget`, what a plan of a
+planner may cost; either is empty for an algorithm without. `cost_mean_50` is the sum of all costs."""
+OF_LIMITS = ("multiplier", "budget")
+"""Columns with a number for each limit."""
 Rows = list[dict[str, str]]
 
 
@@ -60,12 +72,12 @@ def thinned(metrics: Rows) -> Rows:
 
 
 def trace(case: Case, metrics: Rows) -> Rows:
-    """Return steps, multipliers, and the mean cost and return of the last 50 episodes of a run."""
+    """Return steps, multipliers or budgets, and the mean cost and return of the last 50 episodes of a run."""
     limits = cost_suffixes(len(case.limit) if isinstance(case.limit, tuple) else 1)
     return [
         {
             "steps": row["steps"],
-            "multiplier": " ".join(_rounded(row.get(f"multiplier{suffix}", "nan")) for suffix in limits),
+            **{name: " ".join(_rounded(row.get(f"{name}{at}", "nan")) for at in limits).strip() for name in OF_LIMITS},
             "cost_mean_50": _rounded(row["cost_mean_50"]),
             "return_mean_50": _rounded(row["return_mean_50"]),
         }
@@ -86,19 +98,24 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path, default=HERE / "known_answer_traces.csv", help="the table")
     chosen = parser.parse_args()
-    for algorithm, problem, seed in RUNS:
-        key = key_of(algorithm, problem, seed)
-        rows = rows_of(chosen.out)
-        if algorithm not in chosen.only or any(key.items() <= row.items() for row in rows):
+    for run in RUNS:
+        key = key_of(*run)
+        if run[0] not in chosen.only or any(key.items() <= row.items() for row in rows_of(chosen.out)):
             continue
+        algorithm, problem, seed = run
         case, folder = Case(algorithm, "multidiscrete", problem), chosen.runs / f"{algorithm}-{problem}-{seed}"
         result = trained(case, seed, folder)
         print(f"{algorithm}, {problem}, seed {seed}: share {result.share:.3f}, costs {result.score.costs}", flush=True)
-        others = [row for row in rows if [row[name] for name in KEY[:3]] != [key[name] for name in KEY[:3]]]
-        new = [key | row for row in trace(case, read_csv(folder / "metrics.csv", ("steps",)))]
-        order = [(name, at, str(number)) for name, at, number in RUNS]
-        found = sorted([*others, *new], key=lambda row: order.index((row["algorithm"], row["problem"], row["seed"])))
-        write_atomic(chosen.out, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in found)))
+        replace_rows(chosen.out, key, trace(case, read_csv(folder / "metrics.csv", ("steps",))))
+
+
+def replace_rows(path: Path, key: dict[str, str], new: Rows) -> None:
+    """Replace the rows of a run in the table, which has the order of `RUNS`."""
+    order = [(name, at, str(number)) for name, at, number in RUNS]
+    others = [row for row in rows_of(path) if [row[name] for name in KEY[:3]] != [key[name] for name in KEY[:3]]]
+    rows = [*others, *(key | row for row in new)]
+    rows.sort(key=lambda row: order.index((row["algorithm"], row["problem"], row["seed"])))
+    write_atomic(path, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in rows)))
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ def test_the_pilot_of_the_example_saves_what_it_saw(tmp_path: Path):
 @pytest.mark.slow
 def test_a_custom_river_is_rendered_and_flown(tmp_path: Path):
     output = run(str(ROOT / "examples" / "own_river.py"), cwd=tmp_path)
+    assert output.startswith("own_river.png: Clover Brook, a loop of ")
     assert output.count("return 10.00, Success") == 4
     assert (tmp_path / "own_river.png").exists()
 

@@ -171,7 +171,8 @@ def test_levels_are_filtered_in_rows_and_in_columns(browser: Browser, page: Path
     browser.open(page)
     assert filter_by(browser, policies="ppo", levels="med") == "7 of 23 rows are shown"
     assert column(browser, "Return and cost", "Medium cost") == ["0.60 ± 0.40", "0.74 ± 0.44"]
-    assert rows(browser, "Return and cost")[0] == ["PPO", "1 of 2", "1.50 ± 0.50", "0.60 ± 0.40"]
+    told = "the privileged state and progress too"
+    assert rows(browser, "Return and cost")[0] == ["PPO", "1 of 2", "1.50 ± 0.50", "0.60 ± 0.40", told]
     assert [row[:2] for row in rows(browser, "In detail")] == [["PPO", "Medium"]]
     assert column(browser, "Runs", "run") == ["PPO-0", "PPO-1"]
     assert filter_by(browser, policies="", levels="nowhere") == "8 of 23 rows are shown"  # those that name none
@@ -211,6 +212,18 @@ def test_nothing_is_wider_than_a_phone_and_a_picture_can_be_enlarged(browser: Br
     browser.driver.find_element("css selector", ".enlarge").click()
     assert picture.size["width"] > 800
     assert browser.run(WIDEST) == 360
+
+
+def test_no_table_of_the_study_is_clipped_on_a_laptop(browser: Browser):
+    root = HERE.parents[2]
+    style = (root / "thalweg" / "bench" / "report" / "page.css").read_text(encoding="utf-8")
+    browser.open(root / "benchmarks" / "paper" / "report" / "report.html", width=1280)
+    browser.run("document.querySelector('style').textContent = arguments[0]", style)  # as it is written today
+    boxes = browser.run(
+        "return [...document.querySelectorAll('.wide')].map((box) => [box.ariaLabel, box.scrollWidth, box.clientWidth])"
+    )
+    assert {"Return and cost", "In detail"} <= {name for name, *_ in boxes}
+    assert [name for name, whole, shown in boxes if whole > shown] == []
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

@@ -10,10 +10,11 @@ from thalweg.core.plugins import lookup
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / "examples" / "my_algorithm.py"
-(SQUARES,) = re.findall(
-    r"```python\n(\"\"\"An encoder of masks.*?)```", (ROOT / "docs" / "extend.md").read_text(), flags=re.DOTALL
-)
+PAGE = (ROOT / "docs" / "extend.md").read_text()
+(SQUARES,) = re.findall(r"```python\n(\"\"\"An encoder of masks.*?)```", PAGE, flags=re.DOTALL)
 """Source of the encoder in docs/extend.md."""
+(NESTS,) = re.findall(r"```python\n(\"\"\"Nests whose.*?)```", PAGE, flags=re.DOTALL)
+"""Source of the task in docs/extend.md."""
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import thalweg  # noqa: F401  (registers the ids)
-from tests.plugins import no_plugins  # noqa: F401  (a fixture)
+from tests.plugins import NESTS, no_plugins  # noqa: F401  (a fixture)
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.results.run_versions import current_sources, current_versions
 from thalweg.bench.suite.config import Arm, Run, Suite
@@ -23,8 +23,6 @@ from thalweg.train.river import RiverTraining
 from thalweg.world import World
 
 pytestmark = pytest.mark.usefixtures("no_plugins")
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "extend.md").read_text()
-(NESTS,) = re.findall(r"```python\n(\"\"\"Nests whose.*?)```", PAGE, flags=re.DOTALL)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from thalweg.core.suggestion import did_you_mean
 from thalweg.env import EnvConfig
 from thalweg.env.config import ActionSpace, Dynamics, Vehicle
 from thalweg.env.physics.wind import Wind
-from thalweg.env.tasks import TaskName
+from thalweg.env.tasks import check_task
 from thalweg.render import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.viewer.errors import ViewerError
@@ -30,8 +30,8 @@ class FlightOptions:
     """Seed of the river. None: the fixed river of the level."""
     seed: Seed = 0
     """Seed of the episode: its start, and what moves in it."""
-    task: TaskName = "River"
-    """Task, see `thalweg.env.tasks`."""
+    task: str = "River"
+    """Task, see `thalweg.env.tasks`, or that of a plug-in."""
     hard: bool = False
     """Whether the first cost of the task ends the flight."""
     vehicle: Vehicle = "uav"
@@ -48,6 +48,11 @@ class FlightOptions:
     """Quality of the frames on the page."""
     size_px: Annotated[int, Field(ge=32, le=768)] = 384
     """Height and width of the frames on the page. What policies see does not depend on it."""
+
+    @model_validator(mode="after")
+    def _task_is_known(self) -> Self:
+        check_task(self.task)
+        return self
 
     @model_validator(mode="after")
     def _look_is_known(self) -> Self:

@@ -1,9 +1,11 @@
 """What a page is told when it connects: what there is to choose from."""
 
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
-from thalweg.env.tasks import TASKS
+from thalweg.core.plugins.record import PluginError
+from thalweg.env.tasks import TASKS, task_names, task_plugin
 from thalweg.viewer.flight.flyers import HAND, PILOTS
 from thalweg.viewer.flight.looks import LOOKS
 from thalweg.viewer.flight.options import FlightOptions
@@ -25,10 +27,20 @@ def catalogue(rivers: Rivers, policies: list[str], defaults: FlightOptions) -> d
     """Return the choices of the page as plain data, and the options that it begins with."""
     return {
         "levels": {vehicle: [*names, *rivers.own] for vehicle, names in LEVELS.items()},
-        "tasks": {name: TASK_TEXT[name] for name in TASKS},
+        "tasks": {**{name: TASK_TEXT[name] for name in TASKS}, **_tasks_of_plugins()},
         "looks": list(LOOKS),
         "pilots": [HAND, *PILOTS, *policies],
         "pictures": list(KINDS),
         "speeds": list(SPEEDS),
         "options": asdict(defaults),
     }
+
+
+def _tasks_of_plugins() -> dict[str, str]:
+    """Return what the tasks of plug-ins are about, by name, without those that cannot be loaded."""
+    texts: dict[str, str] = {}
+    for name in task_names():
+        with suppress(PluginError):
+            if name not in TASKS and (plugin := task_plugin(name)) is not None:
+                texts[name] = plugin.record.about
+    return texts

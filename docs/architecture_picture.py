@@ -18,48 +18,53 @@ from matplotlib.patches import Rectangle
 PATH = Path(__file__).resolve().parent / "images" / "architecture.png"
 BOXES = {
     "cli": (0.0, 0.0, 12.0, 0.9),
-    "viewer": (0.0, 1.4, 8.6, 0.9),
-    "interop": (9.0, 1.4, 3.0, 2.3),
-    "bench": (0.0, 2.8, 8.6, 0.9),
-    "train": (0.0, 4.2, 12.0, 0.9),
-    "env": (0.0, 5.6, 5.6, 1.25),
-    "render": (0.0, 7.35, 5.6, 1.25),
-    "world": (0.0, 9.1, 5.6, 1.25),
-    "encoder": (6.0, 5.6, 2.6, 4.75),
-    "algos": (9.0, 5.6, 3.0, 4.75),
-    "core": (0.0, 10.85, 12.0, 0.9),
+    "viewer": (0.0, 1.4, 4.9, 0.9),
+    "deploy": (5.2, 1.4, 3.4, 2.4),
+    "interop": (9.0, 1.4, 3.0, 2.4),
+    "bench": (0.0, 2.7, 4.9, 1.1),
+    "train": (0.0, 4.3, 12.0, 0.9),
+    "env": (0.0, 5.7, 5.0, 1.45),
+    "render": (0.0, 7.65, 5.0, 1.25),
+    "world": (0.0, 9.4, 5.0, 1.25),
+    "encoder": (5.3, 5.7, 2.1, 4.95),
+    "datasets": (7.7, 5.7, 1.8, 4.95),
+    "algos": (9.8, 5.7, 2.2, 4.95),
+    "core": (0.0, 11.15, 12.0, 0.9),
 }
 """Left, top, width and height of each part. Parts import only parts below them, as the contracts in `pyproject.toml`
 demand."""
 CAPTIONS = {
     "cli": "the thalweg command",
     "viewer": "the page to fly, watch and record",
+    "deploy": "policies outside Python",
     "interop": "learners of other libraries",
     "bench": "evaluate, compare, report",
     "train": "where environment, encoder and algorithm meet",
     "env": "the rules, as environments",
     "encoder": "frames to codes",
+    "datasets": "recorded flights",
     "algos": "twelve algorithms",
     "render": "a world and poses to frames",
     "world": "a river valley from a seed, a line or a file",
     "core": "files, compilation, devices, versions",
 }
 COLOURS = {
-    "cli": "#e8e3da", "viewer": "#ece0d0", "interop": "#e3dcc8", "bench": "#e9d8c9", "train": "#ead9b6",
-    "env": "#d3e2d0", "encoder": "#d9dff0", "algos": "#e6d4e6",
+    "cli": "#e8e3da", "viewer": "#ece0d0", "deploy": "#ead9d9", "interop": "#e3dcc8",
+    "bench": "#e9d8c9", "train": "#ead9b6",
+    "env": "#d3e2d0", "encoder": "#d9dff0", "datasets": "#d5e4ea", "algos": "#e6d4e6",
     "render": "#cfe3e8", "world": "#d6e6c8", "core": "#e2e2e2",
 }  # fmt: skip
 
 
 def main() -> None:
     graph = grimp.build_graph("thalweg", exclude_type_checking_imports=True)
-    figure, axes = plt.subplots(figsize=(12, 11.8))
+    figure, axes = plt.subplots(figsize=(12, 12.1))
     for part in BOXES:
         draw_box(axes, part, contents_of(graph, part))
     for importer, imported in arrows(graph):
         draw_arrow(axes, BOXES[importer], BOXES[imported])
     axes.set_xlim(-0.05, 12.05)
-    axes.set_ylim(-11.8, 0.05)
+    axes.set_ylim(-12.1, 0.05)
     axes.axis("off")
     figure.tight_layout(pad=0.2)
     figure.savefig(PATH, dpi=110)
@@ -92,7 +97,7 @@ def draw_box(axes: Axes, part: str, content: str) -> None:
     shape = Rectangle((left, -top - height), width, height, facecolor=COLOURS[part], edgecolor="#555555", linewidth=0.8)
     axes.add_patch(shape)
     axes.text(left + 0.1, -top - 0.1, f"{part}/", fontsize=13, fontweight="bold", va="top")
-    beside = width > 5
+    beside = width > 3
     axes.text(
         left + (width - 0.1 if beside else 0.1),
         -top - (0.14 if beside else 0.42),

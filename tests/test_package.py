@@ -21,6 +21,17 @@ def test_every_file_of_the_package_goes_into_the_wheel():
     assert {"page.html", "page.css", "page.js"} <= {path.name for path in taken}
 
 
+def test_the_picture_of_the_architecture_has_a_box_for_each_part():
+    tree = ast.parse((ROOT / "docs" / "architecture_picture.py").read_text())
+    records = {
+        each.targets[0].id: set(ast.literal_eval(each.value))
+        for each in tree.body
+        if isinstance(each, ast.Assign) and isinstance(each.targets[0], ast.Name) and isinstance(each.value, ast.Dict)
+    }
+    parts = {path.parent.name for path in (ROOT / "thalweg").glob("*/__init__.py")}
+    assert records == {"BOXES": parts, "CAPTIONS": parts, "COLOURS": parts}
+
+
 @pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
 def test_the_set_up_says_beforehand_that_it_takes_minutes():
     recipe = subprocess.run(["make", "-n", "-B", "setup"], cwd=ROOT, capture_output=True, text=True, check=True).stdout

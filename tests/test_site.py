@@ -3,17 +3,22 @@
 import base64
 import importlib
 import json
+import re
 import sys
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.browser import Browser, missing_for_browser
+from thalweg.cli.encoder import ENCODER_COMMANDS
+from thalweg.cli.main import COMMANDS
 
 ROOT = Path(__file__).resolve().parent.parent
 SITE = ROOT / "docs" / "site"
 sys.path.append(str(SITE))
+commands_page: Any = importlib.import_module("commands_page")
 stage: Any = importlib.import_module("stage")
 notebook_page: Any = importlib.import_module("notebook_page")
 run_notebook: Any = importlib.import_module("run_notebook")
@@ -70,6 +75,28 @@ def test_every_page_of_the_docs_is_in_one_table_of_contents(tmp_path: Path):
     listed = stage.listed(path.read_text() for path in (SITE / "pages").rglob("*.md"))
     guides = (tmp_path / "guides.md").read_text()
     assert [page for page in docs if (page.removesuffix(".md") not in listed) != (f"\n/{page[:-3]}\n" in guides)] == []
+
+
+def test_every_command_is_on_the_page_of_commands_with_all_its_options():
+    sections = commands_page.commands_page().split("\n## thalweg ")[1:]
+    kinds = {**COMMANDS, **{f"encoder {name}": kind for name, kind in ENCODER_COMMANDS.items()}}
+    del kinds["encoder"]
+    assert [section.split("\n")[0] for section in sections] == commands_page.commands()
+    assert sorted(commands_page.commands()) == sorted(kinds)
+    for section in sections:
+        kind = kinds[section.split("\n")[0]]
+        flags = {f"--{each.name.replace('_', '-')}" for each in fields(kind) if isinstance(each.default, int | Path)}
+        shown = re.findall(r"^- `(.+?)`: \S.{8}", section, re.MULTILINE)
+        assert flags - {word for each in shown for word in re.split(r"[ ,]+", each)} == set()
+        assert len(shown) == sum(line.startswith("- ") for line in section.split("\n"))
+        assert " ".join(str(kind.__doc__).split())[:60] in section
+
+
+def test_an_option_of_the_page_of_commands_has_its_help_and_its_default():
+    lines = commands_page.section("evaluate").split("\n")
+    assert lines[4] == "    thalweg evaluate [-h] [OPTIONS] STR"
+    assert "- `--starts-seed INT`: Seed of the list of starts. (default: 0)" in lines
+    assert "- `--world-seed INT`: Seed of the plants and hills; only with `--river`." in lines
 
 
 def test_a_notebook_becomes_a_page_with_its_outputs(tmp_path: Path):

@@ -1,7 +1,7 @@
 """Staging of the site: gathers the project's pages, those of the site alone, and linked files in one folder.
 
 A page keeps its path in the project, so that its links to other pages stay as they are. Links to Python files and
-folders lead to pages that show them. `make docs` runs this before Sphinx.
+folders lead to pages that show them. The page of commands is made from their help. `make docs` runs this before Sphinx.
 """
 
 import argparse
@@ -11,6 +11,7 @@ from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from commands_page import commands_page
 from notebook_page import notebook_to_markdown
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -168,6 +169,7 @@ class Stage:
             text, found = rewritten(text.replace(OTHERS, "\n".join(f"/{other}" for other in others)), name, self.root)
             self.write(name, text)
             waiting += found
+        self.write("reference/commands.md", commands_page())
         self.follow(waiting, contents | set(others))
         for path in sorted(self.folder.rglob("*"), reverse=True):
             if path.is_file() and path not in self.written:

@@ -13,7 +13,7 @@ from tests.interop.small import OPTIONS, output_of_example
 
 pytest.importorskip("ray.rllib", reason="RLlib is not installed: make test-interop")
 
-import ray
+import ray  # pyright: ignore[reportMissingImports]
 from ray.rllib.algorithms.ppo import PPOConfig  # pyright: ignore[reportMissingImports]
 from ray.rllib.core.rl_module.default_model_config import (  # pyright: ignore[reportMissingImports]
     DefaultModelConfig,

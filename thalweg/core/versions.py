@@ -45,7 +45,7 @@ ALGORITHMS = {
     "DDPGLag": 4,
     "TD3Lag": 4,
     "SACLag": 4,
-    "SafeLOOP": 4,
+    "SafeLOOP": 5,
     "CCEPETS": 4,
 }
 """Updates of each algorithm, by its name in the registry."""

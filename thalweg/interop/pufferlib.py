@@ -18,12 +18,15 @@ try:
 except ModuleNotFoundError as error:
     raise not_installed(error, "PufferLib", "docs/other-libraries.md says how to install it") from error
 
+TOLD = ("episode_return", "episode_length", "episode_cost", "done_reason")
+"""What the info of an episode that ended tells."""
 
-class RiverPufferEnv(PufferEnv):
+
+class RiverPufferEnv(PufferEnv):  # pyright: ignore[reportGeneralTypeIssues]  # this module has its name
     """N environments of a Gymnasium id as one `PufferEnv`, whose steps write into PufferLib's buffers.
 
     A new episode begins in the step in which one ends. The info of a step is a list with a dictionary for each episode
-    that ended: `episode_return`, `episode_length`, `episode_cost`, the sum of its costs, and `done_reason`.
+    that ended: `episode_return`, `episode_length`, `episode_cost`, the sum of its costs, and `done_reason`, its code.
     """
 
     def __init__(
@@ -85,11 +88,8 @@ class RiverPufferEnv(PufferEnv):
         self.terminals[:], self.truncations[:] = terminated, truncated
         self._sums += np.stack([rewards, np.ones(self.num_agents), info["cost"]])
         ended = np.flatnonzero(terminated | truncated)
-        names = ("episode_return", "episode_length", "episode_cost")
-        infos = [
-            dict(zip(names, self._sums[:, row].tolist(), strict=True)) | {"done_reason": int(info["done_reason"][row])}
-            for row in ended
-        ]
+        rows = [*self._sums, info["done_reason"]]
+        infos = [{name: float(values[row]) for name, values in zip(TOLD, rows, strict=True)} for row in ended]
         self._sums[:, ended] = 0
         return self.observations, self.rewards, self.terminals, self.truncations, infos
 

@@ -171,7 +171,8 @@ def test_levels_are_filtered_in_rows_and_in_columns(browser: Browser, page: Path
     browser.open(page)
     assert filter_by(browser, policies="ppo", levels="med") == "7 of 23 rows are shown"
     assert column(browser, "Return and cost", "Medium cost") == ["0.60 ± 0.40", "0.74 ± 0.44"]
-    assert rows(browser, "Return and cost")[0] == ["PPO", "1 of 2", "1.50 ± 0.50", "0.60 ± 0.40"]
+    told = "the privileged state and progress too"
+    assert rows(browser, "Return and cost")[0] == ["PPO", "1 of 2", "1.50 ± 0.50", "0.60 ± 0.40", told]
     assert [row[:2] for row in rows(browser, "In detail")] == [["PPO", "Medium"]]
     assert column(browser, "Runs", "run") == ["PPO-0", "PPO-1"]
     assert filter_by(browser, policies="", levels="nowhere") == "8 of 23 rows are shown"  # those that name none

@@ -336,9 +336,9 @@ def test_no_cell_of_the_page_is_blank(tiny_results: Path):
     assert len(rows) > 10
     assert [row for row in rows if not all(cell.strip() for cell in row)] == []
     assert ["hover-0", "baseline", "finished", "not trained", "not trained", "not trained"] in rows
-    assert ["hover", "Delta", "missing", "0 of 1", *["missing"] * 7] in rows
+    assert ["hover", "Delta", "missing", "0 of 1", *["missing"] * 7, "none"] in rows
     (published,) = (row for row in rows if row[0] == f"PPO ({PAPER})")
-    assert published[-2:] == ["not published", "not published"]
+    assert published[-3:] == ["not published", "not published", "what the policy sees"]
 
 
 def test_a_report_is_replaced_completely_or_not_at_all(tiny_results: Path, monkeypatch: pytest.MonkeyPatch):

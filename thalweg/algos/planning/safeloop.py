@@ -74,7 +74,7 @@ class SafeLOOPConfig(PlanningConfig):
     discount: Fraction = 0.9
     """γ of the critics, for the reward after the horizon. They estimate the best an actor can do from few data, and err
     more than those of CCEPETS."""
-    target_rate: Annotated[float, Field(gt=0, le=1)] = 0.01
+    target_rate: Annotated[float, Field(gt=0, le=1)] = 0.005
     """How far the target critics move towards the critics at each gradient step."""
     standardise_rewards: bool = True
     """Whether critics learn rewards divided by their standard deviation, so that α is independent of the reward's

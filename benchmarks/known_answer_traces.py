@@ -1,0 +1,105 @@
+"""Multipliers and costs over the steps of runs of `known_answer.py` that miss what is required.
+
+    python benchmarks/known_answer_traces.py [--only ALGORITHM ...]
+
+trains those of `RUNS` that have no rows of today's versions again, which repeats them to the last bit, and writes their
+reports into known_answer_traces.csv, one of each `INTERVAL` steps and the last. The pages of the algorithms say what
+the rows show.
+"""
+
+import argparse
+import math
+from pathlib import Path
+
+# The rows come first: they let the problems, which are part of the tests, be imported.
+from known_answer_rows import HERE, row_versions
+
+from tests.known_answer.harness import REQUIREMENTS, Case, trained
+from thalweg.algos.constraint.cost_limits import cost_suffixes
+from thalweg.bench.csv_files import csv_text, read_csv
+from thalweg.core.atomic_io import write_atomic
+
+RUNS = (
+    ("TD3Lag", "dense", 2),
+    ("FOCOPS", "dense", 4),
+    ("CUP", "dense", 2),
+    ("CUP", "mixture", 0),
+    ("CUP", "two", 1),
+    ("PPOLag", "mixture", 1),
+    ("PPOLag", "mixture", 2),
+    ("OnCRPO", "two", 1),
+    ("DDPGLag", "mixture", 3),
+    ("TD3Lag", "end", 4),
+)
+"""Algorithm, problem and seed of each run."""
+INTERVAL = 2048
+"""Steps between two rows of a run."""
+KEY = ("algorithm", "problem", "seed", "algorithm_version", "training_version")
+COLUMNS = (*KEY, "steps", "multiplier", "cost_mean_50", "return_mean_50")
+"""With two limits, `multiplier` has two numbers, for tight and for loose costs; it is empty for an algorithm without.
+`cost_mean_50` is the sum of all costs."""
+Rows = list[dict[str, str]]
+
+
+def key_of(algorithm: str, problem: str, seed: int) -> dict[str, str]:
+    """Return the key of a run with today's versions."""
+    return {"algorithm": algorithm, "problem": problem, "seed": str(seed)} | row_versions(algorithm)
+
+
+def rows_of(path: Path) -> Rows:
+    """Return the rows of a table; none without a file."""
+    return read_csv(path, COLUMNS) if path.exists() else []
+
+
+def thinned(metrics: Rows) -> Rows:
+    """Return the first report after each multiple of `INTERVAL` steps, and the last one."""
+    found: dict[int, dict[str, str]] = {}
+    for row in metrics:
+        found.setdefault(int(row["steps"]) // INTERVAL, row)
+    return list({row["steps"]: row for row in (*found.values(), metrics[-1])}.values())
+
+
+def trace(case: Case, metrics: Rows) -> Rows:
+    """Return steps, multipliers, and the mean cost and return of the last 50 episodes of a run."""
+    limits = cost_suffixes(len(case.limit) if isinstance(case.limit, tuple) else 1)
+    return [
+        {
+            "steps": row["steps"],
+            "multiplier": " ".join(_rounded(row.get(f"multiplier{suffix}", "nan")) for suffix in limits),
+            "cost_mean_50": _rounded(row["cost_mean_50"]),
+            "return_mean_50": _rounded(row["return_mean_50"]),
+        }
+        for row in thinned(metrics)
+    ]
+
+
+def _rounded(number: str) -> str:
+    """Return a number with three decimal places; empty for NaN, before there is any."""
+    return "" if math.isnan(float(number)) else f"{float(number):.3f}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=REQUIREMENTS, default=list(REQUIREMENTS), help="algorithms to run")
+    parser.add_argument(
+        "--runs", type=Path, default=HERE.parent / "runs" / "known_answer_traces", help="folder of runs"
+    )
+    parser.add_argument("--out", type=Path, default=HERE / "known_answer_traces.csv", help="the table")
+    chosen = parser.parse_args()
+    for algorithm, problem, seed in RUNS:
+        key = key_of(algorithm, problem, seed)
+        rows = rows_of(chosen.out)
+        if algorithm not in chosen.only or any(key.items() <= row.items() for row in rows):
+            continue
+        case, folder = Case(algorithm, "multidiscrete", problem), chosen.runs / f"{algorithm}-{problem}-{seed}"
+        result = trained(case, seed, folder)
+        print(f"{algorithm}, {problem}, seed {seed}: share {result.share:.3f}, costs {result.score.costs}", flush=True)
+        others = [row for row in rows if [row[name] for name in KEY[:3]] != [key[name] for name in KEY[:3]]]
+        new = [key | row for row in trace(case, read_csv(folder / "metrics.csv", ("steps",)))]
+        order = [(name, at, str(number)) for name, at, number in RUNS]
+        found = sorted([*others, *new], key=lambda row: order.index((row["algorithm"], row["problem"], row["seed"])))
+        write_atomic(chosen.out, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in found)))
+
+
+if __name__ == "__main__":
+    main()

@@ -67,9 +67,9 @@ def _begin(path: Path, frame: np.ndarray, fps: float, crf: int, key_every: int |
     if height % 2 or width % 2:
         raise VideoError(f"a video needs an even height and width, not {height} x {width}")
     keys = [] if key_every is None else ["-g", str(key_every)]
-    settings: Any = {"codec": CODEC, "pix_fmt_out": PIXELS, "quality": None, "macro_block_size": 1}
+    settings: Any = {"fps": fps, "codec": CODEC, "pix_fmt_out": PIXELS, "quality": None, "macro_block_size": 1}
     options = ["-crf", str(crf), *keys, "-movflags", "+faststart"]
-    writer = imageio_ffmpeg.write_frames(str(path), (width, height), fps=fps, output_params=options, **settings)
+    writer = imageio_ffmpeg.write_frames(str(path), (width, height), output_params=options, **settings)
     writer.send(None)
     return writer
 

@@ -29,6 +29,8 @@ RUNS = (
     ("PPOLag", "mixture", 2),
     ("OnCRPO", "two", 1),
     ("DDPGLag", "mixture", 3),
+    ("TD3Lag", "end", 2),
+    ("TD3Lag", "end", 3),
     ("TD3Lag", "end", 4),
     ("SACLag", "mixture", 4),
     ("DDPGLag", "end", 4),

@@ -157,3 +157,30 @@ def test_a_write_that_fails_leaves_the_old_file(path, monkeypatch):
         save_vae(path, VAE(CONFIG), {})
     assert path.read_bytes() == before
     assert [file.name for file in path.parent.iterdir()] == ["encoder.safetensors"]
+
+
+def test_a_size_that_the_tensors_do_not_have_takes_no_memory(path, vae):
+    for size in ({"latent": 10**12}, {"latent": 10**40}, {"size_px": 64 * 10**6}):
+        changed(path, config={**vars(vae.config), **size})
+        with pytest.raises(EncoderFileError, match=f"{path}: (tensor .* has shape|bad configuration)"):
+            load_encoder(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("mean.bias", torch.full((6,), 1e30), r"larger than 1e\+09"),
+        ("encoder.1.running_var", torch.full((16,), -1.0), "negative, but variances"),
+        ("mean.bias", torch.zeros(6, dtype=torch.int32), "int32"),
+    ],
+)
+def test_numbers_that_give_no_code_are_refused(name, value, words, path):
+    changed(path, {name: value})
+    with pytest.raises(EncoderFileError, match=f"{path}: tensor {name} holds numbers that are {words}"):
+        load_vae(path)
+
+
+def test_a_description_that_is_nested_too_deep_is_refused(path):
+    save_file(load_file(path), path, {KEY: "[" * 50_000})
+    with pytest.raises(EncoderFileError, match=f"{path}: truncated, damaged or not a safetensors file"):
+        load_encoder(path)

@@ -1,6 +1,8 @@
 """Reading and writing of the CSV files of results, and the error for files that cannot be used."""
 
 import csv
+import io
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -27,7 +29,8 @@ def csv_text(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
     """Return the rows of a CSV file that has at least these columns.
 
-    Raises `ResultsError` for a file that is not text, lacks a column or ends in the middle of a row.
+    Raises `ResultsError` for a file that is not CSV in UTF-8, lacks a column, has one twice or ends in the middle of a
+    row.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -35,14 +38,27 @@ def read_csv(path: Path, columns: Sequence[str]) -> list[dict[str, str]]:
         raise ResultsError(f"{path.name} is not text") from error
     if not text:
         raise ResultsError(f"{path.name} is empty")
-    reader = csv.DictReader(text.splitlines())
-    missing = [column for column in columns if column not in (reader.fieldnames or ())]
+    reader = csv.DictReader(io.StringIO(text, newline=""))  # values in quotes may hold line breaks
+    try:
+        header, rows = list(reader.fieldnames or ()), list(reader)
+    except csv.Error as error:
+        raise ResultsError(f"{path.name} is not CSV: {error}") from error
+    missing = [column for column in columns if column not in header]
     if missing:
         raise ResultsError(f"{path.name} lacks the column{'s' * (len(missing) > 1)} {', '.join(missing)}")
     if not text.endswith("\n"):
         raise ResultsError(f"{path.name} is half-written: its last line does not end")
-    rows = list(reader)
+    if twice := [column for column in columns if header.count(column) > 1]:
+        raise ResultsError(f"{path.name} has the column {twice[0]} twice")
     for number, row in enumerate(rows, start=2):
         if None in row or None in row.values():
             raise ResultsError(f"{path.name} line {number} has not as many values as the header")
     return rows
+
+
+def finite(text: str) -> float:
+    """Return the number that a value stands for; raises `ValueError` for one that is not finite, such as nan."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"a finite number is needed, got {text[:40]!r}")
+    return number

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 from tyro.conf import Positional
 
 from thalweg.cli.forces import STILL, ForceFlags, Forces
-from thalweg.cli.options import NO_FILE, Plugins, Policies, River, RiverFile, checked_task
+from thalweg.cli.options import NO_FILE, Plugins, Policies, River, RiverFile, UsageError, checked_task
 
 if TYPE_CHECKING:
     from thalweg.bench.execute.executors import Executor
+    from thalweg.bench.execute.verification import Verification
     from thalweg.bench.suite.config import Suite
     from thalweg.world import Reach
 
@@ -22,8 +23,8 @@ class Bench:
 
     suite: Positional[str]
     """quick, easy, open, protocols, paper, privileged, swimmers, nests, racingline, portage, or your own YAML file."""
-    out: Path
-    """Folder of the results."""
+    out: Path | None = None
+    """Folder of the results. It must be given, but for --verify, which makes runs again in NAME-verified by default."""
     jobs: int | None = None
     """Runs at a time, each a process with its share of the cores; one per core by default. 1 shows progress bars."""
     cluster: str | None = None
@@ -38,6 +39,8 @@ class Bench:
     river: River = NO_FILE
     only: tuple[str, ...] = ()
     """Policies (FOCOPS, hover), with all their seeds, or runs (PPO-0), such as --only FOCOPS PPO-0; all by default."""
+    verify: Path | None = None
+    """Folder of the suite's results: the runs of --only are made again and compared with it; status 1: they differ."""
     policy: Policies = ()
     """Function that is flown without training, such as fly.py:fly; may be given several times."""
     plugin: Plugins = ()
@@ -45,6 +48,13 @@ class Bench:
     def run(self) -> int:
         executor = executor_for(self.jobs, self.cluster, self.cpus)
         rules = Rules(self.task, self.hard, self.forces)
+        if self.verify is not None:
+            if not self.only:
+                raise UsageError("--verify makes runs again: name them by --only, such as --only FOCOPS-0")
+            fresh = self.out or Path(f"{self.verify.resolve().name}-verified")
+            return verify_and_print(self.suite, self.verify, fresh, self.only, executor, self.river, rules, self.policy)
+        if self.out is None:
+            raise UsageError("give the folder of the results, such as --out results/quick")
         return run_and_print(self.suite, self.out, self.only, executor, self.river, rules, self.policy)
 
 
@@ -77,17 +87,10 @@ def run_and_print(
     the suite. `policies` are functions that are flown too.
     """
     from thalweg.bench.execute.runner import run_suite
-    from thalweg.bench.suite.builtin import load_suite
-    from thalweg.bench.suite.config import Function
     from thalweg.cli.tables import make_console, print_tables
 
     console = make_console()
-    suite = load_suite(name)
-    suite = suite if rules is None else rules.of(suite)
-    if policies:
-        suite = replace(suite, policies=(*suite.policies, *map(Function, policies)))
-    if (reach := river.reach("a suite", None)) is not None:
-        suite = with_river(suite, reach)
+    suite = requested_suite(name, river, rules, policies)
     outcome = run_suite(suite, folder, console=console, executor=executor, only=only)
     print_tables(console, outcome.results, detail=False)
     lines = [f"Report: {outcome.report.page}", f"Table:  {outcome.report.table}"]
@@ -96,6 +99,56 @@ def run_and_print(
     lines.extend(f"Failed: {row.run}: {row.error}" for row in outcome.failed)
     console.print("\n".join(lines), highlight=False, soft_wrap=True, markup=False)
     return 1 if outcome.failed else 0
+
+
+def verify_and_print(
+    name: str,
+    recorded: Path,
+    fresh: Path,
+    only: tuple[str, ...],
+    executor: "Executor",
+    river: RiverFile = NO_FILE,
+    rules: Rules | None = None,
+    policies: tuple[str, ...] = (),
+) -> int:
+    """Make runs of a suite again in the folder `fresh`, compare them with the `recorded` ones, and print what agrees;
+    returns 1 if something does not. The other arguments are those of `run_and_print`."""
+    from thalweg.bench.execute.verification import verify
+    from thalweg.cli.tables import make_console
+
+    console = make_console()
+    suite = requested_suite(name, river, rules, policies)
+    outcomes = verify(suite, recorded, fresh, only, console=console, executor=executor)
+    lines = [line for outcome in outcomes for line in verification_lines(outcome, recorded, fresh)]
+    console.print("\n".join(lines), highlight=False, soft_wrap=True, markup=False)
+    return 0 if all(outcome.reproduced for outcome in outcomes) else 1
+
+
+def verification_lines(outcome: "Verification", recorded: Path, fresh: Path) -> list[str]:
+    """Return what is said of a run that was made again: how it was compared, each part, and the verdict."""
+    lines = [f"{outcome.run} of {recorded}, made again in {fresh}"]
+    if outcome.conditions:
+        lines.append(f"  made under other conditions ({'; '.join(outcome.conditions)}): means within the tolerances")
+    else:
+        lines.append("  on the same kind of processor, with the same packages: compared to the bit")
+    for part in outcome.parts:
+        agrees = part.means or "the same to the bit"
+        lines.append(f"  {part.name}, {part.rows} episodes: {'; '.join(part.differences) or agrees}")
+    lines.append(f"{outcome.run}: {'reproduced' if outcome.reproduced else 'NOT reproduced'}")
+    return lines
+
+
+def requested_suite(name: str, river: RiverFile, rules: Rules | None, policies: tuple[str, ...]) -> "Suite":
+    """Return the suite of a name or file with the rules, the functions and the river that were given beside it."""
+    from thalweg.bench.suite.builtin import load_suite
+    from thalweg.bench.suite.config import Function
+
+    suite = load_suite(name)
+    suite = suite if rules is None else rules.of(suite)
+    if policies:
+        suite = replace(suite, policies=(*suite.policies, *map(Function, policies)))
+    reach = river.reach("a suite", None)
+    return suite if reach is None else with_river(suite, reach)
 
 
 def with_river(suite: "Suite", reach: "Reach") -> "Suite":

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.torch import save as serialize
 
 from thalweg.core.atomic_io import write_atomic
@@ -30,6 +30,8 @@ AUTOENCODER, GEOMETRY = "encoder", "geometry encoder"
 """Kinds of files that hold an encoder."""
 MODELS: dict[str, tuple[Any, Any]] = {AUTOENCODER: (VAE, VAEConfig), GEOMETRY: (GeometryNetwork, GeometryConfig)}
 """Model and configuration of each kind."""
+MAX_NUMBER = 1e9
+"""Largest number in a tensor; far larger ones would overflow in codes."""
 C = TypeVar("C", VAEConfig, GeometryConfig)
 
 
@@ -54,7 +56,7 @@ def read_tensors(path: str | Path, kind: str, *others: str) -> tuple[dict[str, t
             text = (file.metadata() or {}).get(KEY)
             about = json.loads(text) if text else None
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (a file, not a dict)
-    except (SafetensorError, json.JSONDecodeError, OSError) as error:
+    except Exception as error:  # also for types of numbers that this PyTorch lacks, and for JSON nested too deep
         raise EncoderFileError(f"{path}: truncated, damaged or not a safetensors file ({error})") from error
     if not isinstance(about, dict) or about.get("kind") not in (kind, *others):
         found = about.get("kind") if isinstance(about, dict) else None
@@ -99,16 +101,34 @@ def load_model(path: str | Path) -> tuple[VAE | GeometryNetwork, dict[str, Any]]
 def _loaded(path: str | Path, tensors: Mapping[str, torch.Tensor], about: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
     """Return the model of a file's tensors and JSON, with the latter; raises `EncoderFileError`."""
     network, kind = MODELS[about["kind"]]
-    model = network(config_of(path, about, kind))
-    expected = {name: tuple(tensor.shape) for name, tensor in model.state_dict().items()}
+    config = config_of(path, about, kind)
+    try:
+        with torch.device("meta"):  # without memory: a wrong size must not fill it before the shapes are compared
+            expected = {name: tuple(tensor.shape) for name, tensor in network(config).state_dict().items()}
+    except (RuntimeError, TypeError, ValueError, OverflowError) as error:
+        raise EncoderFileError(f"{path}: bad configuration: {error}") from error
     found = {name: tuple(tensor.shape) for name, tensor in tensors.items()}
     for name in sorted(expected.keys() | found.keys()):
         if expected.get(name) != found.get(name):
             raise EncoderFileError(f"{path}: tensor {name} has shape {found.get(name)}, not {expected.get(name)}")
-        if not torch.isfinite(tensors[name]).all():
-            raise EncoderFileError(f"{path}: tensor {name} holds numbers that are not finite")
+        if wrong := _number_error(name, tensors[name]):
+            raise EncoderFileError(f"{path}: tensor {name} holds numbers that are {wrong}")
+    model = network(config)
     model.load_state_dict({name: tensor.to(model.state_dict()[name].dtype) for name, tensor in tensors.items()})
     return model.eval(), about
+
+
+def _number_error(name: str, tensor: torch.Tensor) -> str:
+    """Return what is wrong with the numbers of a tensor; empty for nothing."""
+    if tensor.dtype not in (torch.float16, torch.bfloat16, torch.float32, torch.float64, torch.int64):
+        return str(tensor.dtype).removeprefix("torch.")
+    if not torch.isfinite(tensor).all():
+        return "not finite"
+    if (tensor.abs() > MAX_NUMBER).any():
+        return f"larger than {MAX_NUMBER:g}"
+    if name.endswith("running_var") and (tensor < 0).any():
+        return "negative, but variances"
+    return ""
 
 
 def encoder_file(path: str | Path) -> Path:

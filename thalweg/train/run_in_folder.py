@@ -76,7 +76,7 @@ def open_folder(folder: Path, identity: dict[str, Any], threads: int) -> dict[st
         if (found := now_sources.get(name, "")) != source:
             warnings.warn(changed_source(name, str(folder), source, found), PluginWarning, stacklevel=3)
     status = run_record.read_status(folder)
-    before = existing["versions"] | {"threads": existing["machine"]["learning_threads"]}
+    before = (existing.get("versions") or {}) | {"threads": (existing.get("machine") or {}).get("learning_threads")}
     now = run_record.package_versions() | {"threads": threads}
     if status.get("state") != "finished" and before != now:
         warnings.warn(

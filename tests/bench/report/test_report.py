@@ -273,7 +273,7 @@ def spoil_repeated(folder: Path) -> str:
 def spoil_number(folder: Path) -> str:
     file = folder / "evaluation" / "PPO-0-Easy.csv"
     file.write_text(file.read_text().replace(",4.0,1.0,1.0,", ",nan,1.0,1.0,"))
-    return "evaluation/PPO-0-Easy.csv line 3: return must be finite, not nan"
+    return "evaluation/PPO-0-Easy.csv line 3: return: a finite number is needed, got"
 
 
 def spoil_training(folder: Path) -> str:

@@ -131,3 +131,14 @@ def test_a_table_shorter_than_its_checkpoint_is_refused(tmp_path):
     (tmp_path / "t.csv").write_text("a\n1\n")
     with pytest.raises(TrainingError, match="has 4 bytes, but had 9 when its checkpoint was written"):
         CsvTable(tmp_path / "t.csv", 9)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"[]", b"{}", b"\xff", b"[" * 50_000, b'{"format": 1, "step": "7", "state": {}, "sha256": ""}', b'{"format": 1}'],
+)
+def test_a_state_that_is_none_is_refused_by_name(content: bytes, tmp_path):
+    folder = save_checkpoint(tmp_path, 7, STATE)
+    (folder / "state.json").write_bytes(content)
+    with pytest.raises(TrainingError, match=f"{folder} is not a (complete )?checkpoint"):
+        load_checkpoint(tmp_path)

@@ -108,6 +108,15 @@ def test_other_files_are_refused_by_name(tmp_path: Path):
         ({"poses": np.full((3, 4), np.nan)}, "poses has a number that is not finite"),
         ({"actions": np.zeros((2, 4))}, "actions are float64, but the flight's are multidiscrete"),
         ({"reason": 99}, "unknown reason 99"),
+        ({"reason": 1.0}, "unknown reason 1.0"),
+        ({"progress": 1.5}, "progress must be from 0 to 1, got 1.5"),
+        ({"progress": float("nan")}, "progress must be from 0 to 1, got nan"),
+        ({"ahead": 0.0}, "ahead must be above 0 and at most 1"),
+        ({"rewards": np.zeros(2, complex)}, "rewards is complex128"),
+        ({"pilots": "pilot"}, "pilots must be a list of names"),
+        ({"cost_kinds": ("tight", 3)}, "cost_kinds must be a list of names"),
+        ({"cost_kinds": ("tight",)}, "cost_kinds must begin with tight and loose, got tight"),
+        ({"versions": {"RULES": "1"}}, "versions must be whole numbers by name"),
     ],
 )
 def test_impossible_contents_are_refused_by_name(change: dict, error: str, fly: Fly, tmp_path: Path):

@@ -153,3 +153,14 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path):
         assert tracemalloc.get_traced_memory()[1] < 1e6
     finally:
         tracemalloc.stop()
+
+
+def test_a_number_that_no_float_holds_is_refused(tmp_path):
+    high = [[*EAST[0], 10**400], *([*place, 1] for place in EAST[1:])]
+    for content in (feature(EAST, width_m=10**400), feature(high)):
+        with pytest.raises(WorldFileError, match=r"river\.geojson: "):
+            read(tmp_path, content)
+
+
+def test_halves_of_characters_in_a_name_are_replaced(tmp_path):
+    assert read(tmp_path, feature(EAST, name="El\ud800de")).name == "El?de"

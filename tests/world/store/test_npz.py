@@ -150,6 +150,13 @@ LINE = {"position_m": np.zeros((1, 2)), "tangent": np.ones((1, 2))}
         ({"length_m": np.inf}, r"description holds inf"),
         ({"length_m": -4.0}, r"a course of -4\.0 m"),
         ({"seed": -4}, r"the seed -4"),
+        ({"seed": 1.5}, r"description is incomplete \(TypeError"),
+        ({"closed": "yes"}, r"description is incomplete \(TypeError\(\"closed must be true or false"),
+        ({"length_m": 10**400}, r"description is incomplete \(OverflowError"),
+        ({"name": "half \ud800"}, r"the name 'half \\ud800', which is not Unicode"),
+        ({"river.arc_m": np.array(1.0)}, r"'river\.arc_m' is float64 \(\); expected"),
+        ({"plants.kind": np.array(0, np.int16)}, r"'plants\.kind' is int16 \(\); expected"),
+        ({"ground_m": np.zeros(4, np.float32)}, r"'ground_m' is float32 \(4,\); expected"),
         ({"grid": [500.0, 0.0, 0.25]}, r"the course runs at \(.*off the map"),
         (
             FLAT
@@ -174,6 +181,14 @@ def test_invalid_values_are_refused(world, tmp_path, changes, message):
     about = {name: value for name, value in about.items() if value is not None}
     change(path, about=np.array(json.dumps(about)), **arrays)
     with pytest.raises(WorldFileError, match=rf"w\.npz: .*{message}"):
+        World.load(path)
+
+
+def test_a_description_that_is_nested_too_deep_is_refused(world, tmp_path):
+    path = tmp_path / "w.npz"
+    world.save(path)
+    change(path, about=np.array("[" * 50_000))
+    with pytest.raises(WorldFileError, match=r"an \.npz file, but not of a world"):
         World.load(path)
 
 

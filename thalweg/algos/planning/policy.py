@@ -3,6 +3,7 @@
 Dimensions: N environments, D numbers of a frame, K stacked frames, H steps ahead, A numbers of a raw action, C costs.
 """
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from thalweg.algos.planning.planner import Budget, Decision, Method, Planner
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.memory import FrameStack
 from thalweg.algos.policy.policy import check_obs_size, to_tensors
-from thalweg.algos.policy.policy_file import LOADERS, About, save_policy, tensors_of
+from thalweg.algos.policy.policy_file import LOADERS, About, check_size, save_policy, tensors_of, whole_number
 from thalweg.core.config import parse_config
 
 MakeMethod = Callable[[Any, Actions, int, Callable[[], Tensor], torch.Generator], Method]
@@ -127,12 +128,18 @@ class PlannerPolicy:
         kind = METHODS[about.algorithm][0]
         older = {name: value for name, value in VALUES_BEFORE.items() if hasattr(kind, name)}
         config = parse_config(kind, older | dict(about.config))
-        policy = cls(header["obs_size"], Actions.from_data(header["actions"]), config, about, generator)
+        obs_size, actions = whole_number(header, "obs_size"), Actions.from_data(header["actions"])
+        check_size(config.frame_stack * obs_size, config.sizes.model_hidden, 1, tensors, config.members)
+        policy = cls(obs_size, actions, config, about, generator)
         scales = {name: header["scales"][name] | tensors_of(tensors, name) for name in ("observed", "change", "reward")}
         policy.ensemble.load_state(tensors_of(tensors, "model") | scales | {"stack": tensors_of(tensors, "stack")})
         load_module(policy.method.modules, tensors_of(tensors, "method"))
         policy.episode_length = float(header["episode_length"])
-        policy.ending_shares = tuple(header.get("ending_shares", policy.ending_shares))
+        policy.ending_shares = tuple(map(float, header.get("ending_shares", policy.ending_shares)))
+        if not 0.0 < policy.episode_length < math.inf:
+            raise AlgorithmError(f"episode_length must be above 0, got {policy.episode_length}")
+        if len(policy.ending_shares) != len(policy.limits) or not all(0 <= each <= 1 for each in policy.ending_shares):
+            raise AlgorithmError(f"ending_shares must be {len(policy.limits)} shares, got {policy.ending_shares!s:.80}")
         policy.refresh()
         return policy
 

@@ -5,9 +5,10 @@ what the environment executes. Letters: N environments, A branches of a discrete
 """
 
 import math
+import operator
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import gymnasium as gym
 import numpy as np
@@ -124,7 +125,26 @@ class Actions:
         low = tuple(-np.inf if x is None else float(x) for x in data["low"])
         high = tuple(np.inf if x is None else float(x) for x in data["high"])
         lists = {name: tuple(int(x) for x in data[name]) for name in ("shape", "sizes", "start")}
-        return cls(data["kind"], dtype=str(data["dtype"]), adapter=data["adapter"], low=low, high=high, **lists)
+        actions = cls(data["kind"], dtype=str(data["dtype"]), adapter=data["adapter"], low=low, high=high, **lists)
+        if wrong := actions._error():
+            raise AlgorithmError(f"the actions of a policy {wrong}")
+        return actions
+
+    def _error(self) -> str:
+        """Return what does not fit together; empty for nothing."""
+        if self.kind not in get_args(Kind) or self.adapter not in get_args(Adapter):
+            return f"are {self.kind!r:.40} with the adapter {self.adapter!r:.40}, which this version does not know"
+        if np.dtype(self.dtype).kind not in "iuf":
+            return f"are of the type {self.dtype:.40}, which is no number"
+        if any(size < 1 for size in self.sizes) or len(self.sizes) != len(self.start):
+            return f"have {len(self.sizes)} branches of options, {len(self.start)} of them with a first one"
+        if len(self.low) != len(self.high) or not all(map(operator.le, self.low, self.high)):
+            return "have bounds that do not fit together"
+        if bool(self.sizes) == bool(self.low) or math.prod(self.shape) != self.count:
+            return f"have the shape {self.shape} and {self.count} numbers"
+        if (self.kind == "categorical") > bool(self.sizes):
+            return "are options, but there are none"
+        return ""
 
 
 @cache

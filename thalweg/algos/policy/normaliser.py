@@ -73,6 +73,10 @@ class Normaliser:
             raise AlgorithmError(
                 f"a normaliser of {len(self.mean)} numbers can't take one of {np.shape(state['mean'])}"
             )
+        if np.shape(state["square"]) != tuple(self.mean.shape) or (np.asarray(state["square"]) < 0).any():
+            raise AlgorithmError(f"a normaliser's squares must be {len(self.mean)} numbers of at least 0")
+        if int(state["count"]) < 0:
+            raise AlgorithmError(f"a normaliser's count must be at least 0, got {state['count']}")
         self.count, self.enabled = int(state["count"]), bool(state["enabled"])
         self.mean, self.square = (tensor_of(state[name], self.mean.device).double() for name in ("mean", "square"))
         self._refresh()

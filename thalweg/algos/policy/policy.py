@@ -3,6 +3,7 @@
 Letters: N environments, B states, D numbers of an observation, K frames that are concatenated, A numbers of an action.
 """
 
+import math
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -18,7 +19,15 @@ from thalweg.algos.policy.distributions import Distribution
 from thalweg.algos.policy.memory import FrameStack, Sequences
 from thalweg.algos.policy.networks import Actor, NetworkShape
 from thalweg.algos.policy.normaliser import Normaliser
-from thalweg.algos.policy.policy_file import LOADERS, About, load_policy, save_policy, tensors_of
+from thalweg.algos.policy.policy_file import (
+    LOADERS,
+    About,
+    check_size,
+    load_policy,
+    save_policy,
+    tensors_of,
+    whole_number,
+)
 from thalweg.algos.policy.vision import ImageRows
 from thalweg.core.compute.torch_threads import torch_threads
 
@@ -201,14 +210,26 @@ class Policy:
         cls, header: dict[str, Any], tensors: dict[str, np.ndarray], about: About, generator: torch.Generator
     ) -> "Policy":
         """Return the policy that `save` wrote, on the generator's device."""
-        shape = NetworkShape.from_data(header["shape"])
+        shape, actions = NetworkShape.from_data(header["shape"]), Actions.from_data(header["actions"])
+        obs_size, frames = whole_number(header, "obs_size"), whole_number(header, "frames")
+        features = frames * obs_size if shape.eyes is None else shape.eyes.features
+        if shape.eyes is not None and obs_size != shape.eyes.pixels + actions.count:
+            raise AlgorithmError(f"obs_size is {obs_size}, not the bytes of an image {shape.eyes.image} and an action")
+        if type(shape.memory) is not int or shape.memory < 0:
+            raise AlgorithmError(f"memory must be a whole number, got {shape.memory!r:.40}")
+        if shape.memory:
+            check_size(features, (shape.memory,), shape.memory, tensors)
+        check_size(features + shape.memory, shape.hidden, actions.outputs, tensors)
+        temperature = header.get("temperature", 1.0)
+        if not isinstance(temperature, int | float) or not 0.0 < temperature < math.inf:
+            raise AlgorithmError(f"temperature must be a number above 0, got {temperature!r:.40}")
         policy = cls(
-            header["obs_size"],
-            Actions.from_data(header["actions"]),
+            obs_size,
+            actions,
             shape,
-            frames=header["frames"],
-            greedy=header["greedy"],
-            temperature=header.get("temperature", 1.0),
+            frames=frames,
+            greedy=bool(header["greedy"]),
+            temperature=temperature,
             generator=generator,
             about=about,
         )

@@ -2,20 +2,22 @@
 
 import dataclasses
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.numpy import save
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.state import CPU, new_generator
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.plugins.lookup import find
+from thalweg.core.plugins.record import PluginError
 
 FORMAT = 2
 """Version of the policy file."""
@@ -57,18 +59,62 @@ def load_policy(path: str | Path, device: torch.device = CPU) -> Any:
         with safe_open(path, framework="numpy") as file:
             header = json.loads((file.metadata() or {}).get(HEADER, "null"))
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-    except (SafetensorError, json.JSONDecodeError) as error:
+    except Exception as error:  # also for types of numbers that NumPy lacks, and for JSON nested too deep
         raise AlgorithmError(f"{path} is not a complete policy file: {error}") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         version = header.get("format") if isinstance(header, dict) else "none"
         raise AlgorithmError(f"{path} holds a policy of format {version}, this version reads {FORMAT}")
-    if header.get("kind") not in LOADERS:
+    if not isinstance(header.get("kind"), str):
+        raise AlgorithmError(f"{path} holds a policy of the kind {header.get('kind')!r:.40}: a name is needed")
+    if header["kind"] not in LOADERS:
         _load_plugin(path, header)
+    for name, tensor in tensors.items():
+        if not np.isfinite(tensor).all():
+            raise AlgorithmError(f"{path}: the tensor {name} holds numbers that are not finite")
     try:
         about = About(header["algorithm"], header["config"], header["context"])
+        _check_about(about)
         return LOADERS[header["kind"]](header, tensors, about, new_generator(device))
-    except (KeyError, RuntimeError, TypeError) as error:
+    except PluginError:
+        raise
+    except AlgorithmError as error:
+        raise AlgorithmError(f"{path}: {error}") from error
+    except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
         raise AlgorithmError(f"the tensors of {path} do not match its header: {error}") from error
+
+
+def _check_about(about: About) -> None:
+    """Raise `TypeError` for an origin of other types than `About` says."""
+    for what, value, kind in (
+        ("algorithm", about.algorithm, str),
+        ("config", about.config, dict),
+        ("context", about.context, dict),
+    ):
+        if not isinstance(value, kind):
+            raise TypeError(f"{what} is {value!r:.40}")
+
+
+def whole_number(header: dict[str, Any], key: str) -> int:
+    """Return a number of a header that is at least 1; raises `AlgorithmError` for anything else."""
+    value = header[key]
+    if type(value) is not int or value < 1:
+        raise AlgorithmError(f"{key} must be a whole number of at least 1, got {value!r:.40}")
+    return value
+
+
+def check_size(
+    inputs: int, hidden: Sequence[int], outputs: int, tensors: Mapping[str, np.ndarray], copies: int = 1
+) -> None:
+    """Raise `AlgorithmError` if copies of a network of these layers have more weights than the tensors have numbers.
+
+    It is checked before the network is made: a wrong size in a header must not fill the memory.
+    """
+    layers = [inputs, *hidden, outputs]
+    if any(type(size) is not int or size < 1 for size in (*layers, copies)):
+        raise AlgorithmError(f"a network of layers {layers!s:.80}: whole numbers of at least 1 are needed")
+    needed, found = copies * sum(a * b for a, b in pairwise(layers)), sum(tensor.size for tensor in tensors.values())
+    if needed > found:
+        raise AlgorithmError(f"shapes of {needed:,} weights, but there are {found:,} numbers in the tensors")
 
 
 def _load_plugin(path: Path, header: dict[str, Any]) -> None:

@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
+from thalweg.bench.csv_files import ResultsError, csv_text, finite, read_csv
 from thalweg.core.atomic_io import write_atomic
 from thalweg.env import DoneReason
 from thalweg.world.record import River
@@ -120,27 +120,30 @@ def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:
 
 def read_episodes(path: Path) -> list[Episode]:
     """Return the rows of a file; raises `ResultsError` for a file that is half-written or of another kind."""
-    parse = {"int": int, "float": float, "str": str, "bool": lambda text: bool(int(text))}
-    parse["share"] = lambda text: float(text) if text else None
+    parse = {"int": int, "float": finite, "str": str, "bool": _flag, "end": float}
+    parse["share"] = lambda text: finite(text) if text else None
+    kinds = {field.name: getattr(field.type, "__name__", "str") for field in fields(Episode)}
+    kinds |= dict.fromkeys(END_COLUMNS, "end") | dict.fromkeys(OPEN_COLUMNS, "share")
     episodes = []
     defaults = dict.fromkeys(END_COLUMNS, "nan") | dict.fromkeys(OPEN_COLUMNS, "") | dict.fromkeys(SHIELD_COLUMNS, "0")
     defaults |= {"version": "0", "source": ""}
     for number, row in enumerate(read_csv(path, [name for name in COLUMNS if name not in END_COLUMNS]), start=2):
-        texts = defaults | row
+        texts, values, column = defaults | row, dict[str, Any](), ""
         try:
-            values = [
-                parse["share" if field.name in OPEN_COLUMNS else getattr(field.type, "__name__", "str")](
-                    texts[field.name.rstrip("_")]
-                )
-                for field in fields(Episode)
-            ]
+            for name, kind in kinds.items():
+                column = name.rstrip("_")
+                values[name] = parse[kind](texts[column])
         except ValueError as error:
-            raise ResultsError(f"{path.name} line {number}: {error}") from error
-        episode = Episode(*values)
+            raise ResultsError(f"{path.name} line {number}: {column}: {error}") from error
+        episode = Episode(**values)
         if episode.reason not in ALL_REASONS:
             raise ResultsError(f"{path.name} line {number}: unknown reason {episode.reason!r}")
-        for name, value in (("return", episode.return_), ("cost", episode.cost)):
-            if not isfinite(value):
-                raise ResultsError(f"{path.name} line {number}: {name} must be finite, not {value}")
         episodes.append(episode)
     return episodes
+
+
+def _flag(text: str) -> bool:
+    """Return whether a value is 1; raises `ValueError` for anything but 0 and 1."""
+    if text not in ("0", "1"):
+        raise ValueError(f"0 or 1 is needed, got {text[:40]!r}")
+    return text == "1"

@@ -82,20 +82,28 @@ def run_suite(
     claim(folder, suite)
     backend = backend or RiverBackend(suite)
     _warn_of_changed_sources(suite, folder, requested)
-    rows = {row.run: row for row in read_runs(folder)}
-    pending = [run for run in requested if not _is_finished(run, suite, folder, rows.get(run.name))]
-    _prepare(suite, folder, pending, console)
-    rows = {row.run: row for row in read_runs(folder)}
-    runs = {run.name: run for run in suite.runs()}
-    for row in (executor or SerialExecutor()).execute(ExecutionContext(suite, folder, backend, console), pending):
-        rows[row.run] = row
-        write_runs(folder, [rows[name] for name in runs if name in rows])
-        if row.status == "finished":
-            discard(folder, runs[row.run], suite.trials(runs[row.run]))
+    rows = execute_runs(ExecutionContext(suite, folder, backend, console), requested, executor or SerialExecutor())
     results = read_results(folder)
     film_flights(suite, results, backend, console)
     results = with_films(results)
     return Outcome(results, write_report(folder, results=results), [rows[run.name] for run in requested])
+
+
+def execute_runs(context: ExecutionContext, requested: Sequence[Run], executor: Executor) -> dict[str, RunRow]:
+    """Execute what is left of some runs of a suite, in a folder that it has claimed; returns the rows of all of its
+    runs so far, by name."""
+    suite, folder = context.suite, context.folder
+    rows = {row.run: row for row in read_runs(folder)}
+    pending = [run for run in requested if not _is_finished(run, suite, folder, rows.get(run.name))]
+    _prepare(suite, folder, pending, context.console)
+    rows = {row.run: row for row in read_runs(folder)}
+    runs = {run.name: run for run in suite.runs()}
+    for row in executor.execute(context, pending):
+        rows[row.run] = row
+        write_runs(folder, [rows[name] for name in runs if name in rows])
+        if row.status == "finished":
+            discard(folder, runs[row.run], suite.trials(runs[row.run]))
+    return rows
 
 
 def selected_runs(suite: Suite, only: tuple[str, ...]) -> list[Run]:
@@ -127,10 +135,17 @@ def claim(folder: Path, suite: Suite) -> None:
         record = read_suite(folder)
     except ResultsError as error:
         raise ResultsError(f"{folder} cannot be resumed: {error}; choose another folder") from error
+    recorded, requested = comparable(record, suite)
+    RESULTS_FOLDER.require_same(folder, recorded, requested)
+
+
+def comparable(record: dict[str, Any], suite: Suite) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return a suite's record in a folder and that of a suite so that their differences can be named, with their arms
+    by name."""
     usual = {"task": "River", "hard": False, "forces": {}, "policies": []}  # not written
     requested = usual | json.loads(json.dumps(suite.as_data()))
     recorded = usual | {key: value for key, value in record.items() if key in requested}
-    RESULTS_FOLDER.require_same(folder, _arms_by_name(recorded), _arms_by_name(requested))
+    return _arms_by_name(recorded), _arms_by_name(requested)
 
 
 def _arms_by_name(record: dict[str, Any]) -> dict[str, Any]:
@@ -138,7 +153,7 @@ def _arms_by_name(record: dict[str, Any]) -> dict[str, Any]:
     return record | {"arms": {arm["name"]: arm for arm in record.get("arms", [])}}
 
 
-def _versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
+def versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
     """Return the current versions of what a run depends on."""
     if run.kind == "function":
         seen, encoder = suite.observation_of(run) or FRAMES, suite.encoder_of(run)
@@ -174,7 +189,7 @@ def _warn_of_changed_sources(suite: Suite, folder: Path, runs: Sequence[Run]) ->
     """Warn once of each plug-in whose source has changed since a run of the folder, and whose version has not."""
     recorded, made_with, warned = read_sources(folder), read_versions(folder), set[str]()
     for run in runs:
-        current, versions = _sources_of(suite, run), _versions_of(suite, run)
+        current, versions = _sources_of(suite, run), versions_of(suite, run)
         for name, before in recorded.get(run.name, {}).items():
             same = made_with.get(run.name, {}).get(name) == versions.get(name)
             if same and name not in warned and current.get(name, before) != before:
@@ -186,7 +201,7 @@ def _warn_of_changed_sources(suite: Suite, folder: Path, runs: Sequence[Run]) ->
 def _prepare(suite: Suite, folder: Path, runs: Sequence[Run], console: Console) -> None:
     """Set outdated runs aside, and say how many are done again."""
     outcomes = Counter(
-        prepare(folder, run, suite.trials(run), _versions_of(suite, run), _sources_of(suite, run)) for run in runs
+        prepare(folder, run, suite.trials(run), versions_of(suite, run), _sources_of(suite, run)) for run in runs
     )
     for outcome in ("trained", "flown"):
         if count := outcomes[outcome]:
@@ -199,7 +214,7 @@ def _prepare(suite: Suite, folder: Path, runs: Sequence[Run], console: Console) 
 
 def _is_finished(run: Run, suite: Suite, folder: Path, row: RunRow | None) -> bool:
     """Return whether all episodes of the run exist, with the current versions."""
-    if row is None or row.status != "finished" or not is_current(folder, run, _versions_of(suite, run)):
+    if row is None or row.status != "finished" or not is_current(folder, run, versions_of(suite, run)):
         return False
     finished = all(is_evaluated(folder, run, trial, suite.episodes) for trial in suite.trials(run))
     if finished:

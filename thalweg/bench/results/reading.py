@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from thalweg.algos.registry import version_of
-from thalweg.bench.csv_files import ResultsError, read_csv
+from thalweg.bench.csv_files import ResultsError, finite, read_csv
 from thalweg.bench.evaluate.episodes import Episode, read_episodes
 from thalweg.bench.results.outdated import FOLDER as OUTDATED
 from thalweg.bench.results.results import (
@@ -45,6 +45,8 @@ from thalweg.bench.suite.record import (
 )
 
 Value = TypeVar("Value")
+MOST_STEPS = 1e15
+"""Largest step of a training curve; whole numbers up to it are exact."""
 
 
 def read_training(path: Path, row: RunRow) -> TrainingLog:
@@ -52,10 +54,12 @@ def read_training(path: Path, row: RunRow) -> TrainingLog:
     columns = ("step", "return", "tight", "loose")
     lines = read_csv(path, columns)
     try:
-        values = {name: np.array([float(line[name]) for line in lines]) for name in columns}
-        total = np.array([float(line["cost"]) for line in lines]) if lines and "cost" in lines[0] else None
+        values = {name: np.array([finite(line[name]) for line in lines]) for name in columns}
+        total = np.array([finite(line["cost"]) for line in lines]) if lines and "cost" in lines[0] else None
     except ValueError as error:
         raise ResultsError(f"{path.name}: {error}") from error
+    if bad := [step for step in values["step"] if not 0 <= step <= MOST_STEPS or step % 1]:
+        raise ResultsError(f"{path.name}: step must be a whole number from 0 to {MOST_STEPS:g}, got {bad[0]:g}")
     order = np.argsort(values["step"], kind="stable")
     step, return_, tight, loose = (values[name][order] for name in columns)
     total = None if total is None else total[order]

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.algos.registry import version_of
-from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
+from thalweg.bench.csv_files import ResultsError, csv_text, finite, read_csv
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import ALL_REASONS, FIRST_COST, REASONS, Episode
 from thalweg.bench.results.run_versions import Sources, Versions, some_critics_are_asymmetric
@@ -293,8 +293,8 @@ def read_runs(folder: Path) -> list[RunRow]:
                 int(row["steps"]),
                 row["status"],
                 row["error"],
-                float(row["wall_s"]),
-                float(row["steps_per_s"]),
+                finite(row["wall_s"]),
+                finite(row["steps_per_s"]),
             )
             for row in read_csv(path, RUN_COLUMNS)
         ]

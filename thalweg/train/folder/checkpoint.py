@@ -77,12 +77,16 @@ def load_checkpoint(run_folder: Path) -> tuple[int, dict[str, Any]] | None:
     try:
         content = (folder / ARRAYS).read_bytes()
         plain = json.loads((folder / PLAIN).read_bytes())
+        if not isinstance(plain, dict) or not isinstance(plain["state"], dict) or type(plain["step"]) is not int:
+            raise TrainingError(f"{folder} is not a checkpoint: {PLAIN} must hold a step and a state")
         if plain["format"] != FORMAT:
             raise TrainingError(f"{folder} is a checkpoint of format {plain['format']}, this version reads {FORMAT}")
         if hashlib.sha256(content).hexdigest() != plain["sha256"]:
             raise TrainingError(f"{folder} is damaged: its arrays are not those that were written")
         return plain["step"], _insert(load(content), plain["state"])
-    except (OSError, json.JSONDecodeError, KeyError, SafetensorError) as error:
+    except TrainingError:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, SafetensorError) as error:
         raise TrainingError(
             f"{folder} is not a complete checkpoint ({error}); remove it to resume from the one before"
         ) from error

@@ -1,6 +1,7 @@
 """Record of a run in its folder: its settings (config.yaml) and its status (status.json)."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import yaml
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.machine import gpu_info, machine_info, package_versions
 from thalweg.core.run_folder import FolderKind
+from thalweg.core.yaml12 import load
 from thalweg.train.errors import TrainingError
 
 CONFIG, STATUS, POLICY = "config.yaml", "status.json", "policy.safetensors"
@@ -16,6 +18,10 @@ PLUGIN = "plugin"
 """Key of a context: version and source of the plug-in that a policy was trained by."""
 PLUGINS = (PLUGIN, "encoder_plugin", "task_plugin")
 """Keys of a context for plug-ins: the algorithm, the encoder and the task."""
+MAPPINGS = (("run",), ("versions",), ("machine",), *(("run", "context", key) for key in (*PLUGINS, "env")))
+"""Parts of config.yaml that are mappings where they are there."""
+STATUS_NUMBERS = ("steps", "episodes", "return_mean", "cost_mean", "cost_rate", "seconds")
+"""Numbers of status.json, null where there is none."""
 RUN_FOLDER = FolderKind("run", CONFIG, TrainingError, ignores_hidden=True)
 
 
@@ -44,11 +50,17 @@ def read_config(folder: Path) -> dict[str, Any] | None:
         return None
     path = folder / CONFIG
     try:
-        description = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
+        description = load(path.read_text(encoding="utf-8"), yaml.SafeLoader)
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise TrainingError(f"{path} is not the config of a run: {error}") from error
     if not isinstance(description, dict) or "run" not in description:
         raise TrainingError(f"{path} is not the config of a run")
+    for keys in MAPPINGS:
+        part: Any = description
+        for depth, key in enumerate(keys, start=1):
+            part = {} if part.get(key) is None else part[key]
+            if not isinstance(part, dict):
+                raise TrainingError(f"{path} is not the config of a run: {'.'.join(keys[:depth])} must be a mapping")
     return description
 
 
@@ -76,14 +88,33 @@ def write_status(folder: Path, status: dict[str, Any]) -> None:
 
 
 def read_status(folder: Path) -> dict[str, Any]:
-    """Return the content of status.json; empty if there is no such file."""
+    """Return the content of status.json; empty if there is no such file. Raises `TrainingError` for another content."""
     path = folder / STATUS
     if not path.exists():
         return {}
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
+        status = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
         raise TrainingError(f"{path} is not the status of a run: {error}") from error
+    if wrong := _status_error(status):
+        raise TrainingError(f"{path} is not the status of a run: {wrong}")
+    return status
+
+
+def _status_error(status: Any) -> str:
+    """Return what is wrong with the content of status.json; empty for nothing."""
+    if not isinstance(status, dict):
+        return "it must be a mapping"
+    for name in STATUS_NUMBERS:
+        value = status.get(name)
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if value is not None and not (is_number and abs(value) <= sys.float_info.max):
+            return f"{name} must be a number, got {str(value)[:40]}"
+    if not isinstance(status.get("warnings", {}), dict):
+        return "warnings must be a mapping"
+    if status.get("state") == "finished" and (missing := {*STATUS_NUMBERS, "algorithm", "warnings"} - status.keys()):
+        return f"it lacks {', '.join(sorted(missing))}"
+    return ""
 
 
 def _identity(run: dict[str, Any]) -> dict[str, Any]:

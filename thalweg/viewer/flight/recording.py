@@ -4,6 +4,7 @@ A finished flight also becomes a row of a table as `thalweg evaluate --out` writ
 """
 
 import json
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -157,13 +158,37 @@ def read_recording(path: Path) -> Recording:
         except Exception as error:  # archives, texts and arrays fail in many ways
             raise ViewerError(f"{path.name} is not a recorded flight") from error
     form, options, pilots, kinds, made_with = known
+    _check_text(path.name, pilots, kinds, made_with)
     if form != FORMAT:
         raise ViewerError(f"{path.name} has format {form}; this version reads {FORMAT}")
     options = parse_config(FlightOptions, options, path.name)
     _check_shapes(path.name, arrays, len(pilots), len(kinds), options)
-    if numbers["reason"] not in range(-1, len(ALL_REASONS)):
-        raise ViewerError(f"{path.name} has the unknown reason {numbers['reason']}")
+    _check_numbers(path.name, numbers)
     return Recording(options, tuple(pilots), tuple(kinds), made_with, **arrays, **numbers)
+
+
+def _check_text(name: str, pilots: Any, kinds: Any, made_with: Any) -> None:
+    """Raise `ViewerError` unless pilots and kinds of costs are lists of names, and versions whole numbers."""
+    for what, names in (("pilots", pilots), ("cost_kinds", kinds)):
+        if not isinstance(names, list) or not all(isinstance(each, str) and each.isprintable() for each in names):
+            raise ViewerError(f"{name}: {what} must be a list of names")
+    if len(kinds) < 2:
+        raise ViewerError(f"{name}: cost_kinds must begin with tight and loose, got {', '.join(kinds) or 'none'}")
+    if not isinstance(made_with, dict) or not all(type(each) is int for each in made_with.values()):
+        raise ViewerError(f"{name}: versions must be whole numbers by name")
+
+
+def _check_numbers(name: str, numbers: dict[str, Any]) -> None:
+    """Raise `ViewerError` for a number that is none, or out of its range."""
+    reason, world, progress, ahead = (numbers[each] for each in ("reason", "world", "progress", "ahead"))
+    if type(reason) is not int or reason not in range(-1, len(ALL_REASONS)):
+        raise ViewerError(f"{name} has the unknown reason {reason!r:.40}")
+    if type(world) is not int or world < 0:
+        raise ViewerError(f"{name}: world must be the hash of a river, got {world!r:.40}")
+    if type(progress) is not float or not 0.0 <= progress <= 1.0:
+        raise ViewerError(f"{name}: progress must be from 0 to 1, got {progress!r:.40}")
+    if type(ahead) is not float or not (math.isnan(ahead) or 0.0 < ahead <= 1.0):
+        raise ViewerError(f"{name}: ahead must be above 0 and at most 1, or NaN on a loop, got {ahead!r:.40}")
 
 
 def _check_shapes(name: str, arrays: dict[str, np.ndarray], steps: int, kinds: int, options: FlightOptions) -> None:
@@ -176,7 +201,7 @@ def _check_shapes(name: str, arrays: dict[str, np.ndarray], steps: int, kinds: i
         "costs": (steps, kinds),
     }
     for each, array in arrays.items():
-        if array.shape != shapes[each] or not np.issubdtype(array.dtype, np.number):
+        if array.shape != shapes[each] or array.dtype.kind not in "iuf":
             raise ViewerError(f"{name}: {each} is {array.dtype} {array.shape}; needed: numbers {shapes[each]}")
         if not np.isfinite(array).all():
             raise ViewerError(f"{name}: {each} has a number that is not finite")

@@ -5,8 +5,8 @@ Nothing is measured here; `thalweg.world.real.geojson_river` turns the line into
 """
 
 import json
-import math
 import re
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -181,8 +181,8 @@ def _positions(coordinates: Any, context: str) -> list[Position]:
 
 
 def is_number(value: Any) -> bool:
-    """Return whether a JSON value is a finite number; true and false are not, and 1e999 is infinite."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf
+    """Return whether a JSON value is a number that a float holds; true and false are not, and 1e999 is infinite."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def read_elevations(positions: list[Position]) -> np.ndarray | None:
@@ -233,7 +233,8 @@ def _width(name: str, value: Any) -> float:
 def read_name(properties: dict, stem: str) -> str:
     """Return the river's name: its property `name`, else the file's name."""
     name = properties.get("name")
-    words = name.split() if isinstance(name, str) else []
+    # JSON can hold halves of characters, which nothing can print.
+    words = name.encode("utf-8", "replace").decode().split() if isinstance(name, str) else []
     return " ".join(words)[:MAX_NAME_LENGTH] or stem[:MAX_NAME_LENGTH]
 
 

@@ -4,6 +4,7 @@ Files are written atomically, and nothing in them can execute code.
 """
 
 import json
+import operator
 from dataclasses import fields
 from pathlib import Path
 
@@ -62,8 +63,8 @@ def load(path: str | Path) -> World:
         kinds = ", ".join(description["kinds"])
         world = World(
             name=str(description["name"]),
-            seed=int(description["seed"]),
-            river=River(closed=bool(description["closed"]), length_m=float(description["length_m"]), **river),
+            seed=operator.index(description["seed"]),
+            river=River(closed=_flag(description["closed"]), length_m=float(description["length_m"]), **river),
             islands=arrays["islands"],
             bridges=arrays["bridges"],
             grid=Grid(*(float(value) for value in description["grid"])),
@@ -73,7 +74,7 @@ def load(path: str | Path) -> World:
             sun_azimuth=float(description["sun"][0]),
             sun_elevation=float(description["sun"][1]),
         )
-    except (KeyError, TypeError, ValueError, IndexError) as reason:
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError) as reason:
         raise WorldFileError(f"{path}: its description is incomplete ({reason!r})") from None
     if kinds != (known := ", ".join(kind.name for kind in KINDS)):
         raise WorldFileError(f"{path}: made for the kinds of plants {kinds}; this version draws {known}")
@@ -82,12 +83,18 @@ def load(path: str | Path) -> World:
     return world
 
 
+def _flag(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError(f"closed must be true or false, not {value!r:.40}")
+    return value
+
+
 def _read_description(path: Path, arrays: dict[str, np.ndarray]) -> dict:
     """Return the description of a file after checking its kind and format version."""
     try:
         description = json.loads(str(arrays["about"]))
         kind, version = description["kind"], description["format"]
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, RecursionError):
         raise WorldFileError(f"{path}: an .npz file, but not of a world") from None
     if kind != KIND:
         raise WorldFileError(f"{path}: an .npz file of kind {kind!r}, not {KIND!r}")
@@ -98,9 +105,10 @@ def _read_description(path: Path, arrays: dict[str, np.ndarray]) -> dict:
 
 def _check_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
     """Check that every array is present, with its type and with shapes that fit together."""
-    grid = arrays["ground_m"].shape if "ground_m" in arrays else (-1, -1)
-    samples = len(arrays["river.arc_m"]) if "river.arc_m" in arrays else -1
-    count = len(arrays["plants.kind"]) if "plants.kind" in arrays else -1
+    ground = arrays.get("ground_m")
+    grid = (None, None) if ground is None or ground.ndim != 2 else ground.shape
+    lines = [arrays.get(name) for name in ("river.arc_m", "plants.kind")]
+    samples, count = (None if line is None or line.ndim != 1 else len(line) for line in lines)
     expected: dict[str, tuple[tuple, str]] = {name: (grid, kind) for name, kind in MAPS.items()}
     expected["albedo"] = ((*grid, 3), "uint8")
     expected["islands"] = ((None, 5), "float64")
@@ -145,6 +153,8 @@ def _description_error(world: World) -> str | None:
     scalars = (river.length_m, grid.origin_x_m, grid.origin_y_m, grid.cell_m, world.sun_azimuth, world.sun_elevation)
     if bad := [value for value in scalars if not np.isfinite(value)]:
         return f"its description holds {bad[0]}, which is not a finite number"
+    if world.name != world.name.encode("utf-8", "replace").decode():  # JSON can hold halves of characters
+        return f"the name {world.name!r}, which is not Unicode"
     if world.seed < 0:
         return f"the seed {world.seed}; limit >= 0"
     if grid.cell_m <= 0:

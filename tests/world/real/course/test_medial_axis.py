@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from thalweg.world.errors import WorldError
 from thalweg.world.real.course.medial_axis import medial_axis
 
 shapely = pytest.importorskip("shapely")
@@ -37,3 +38,9 @@ def test_known_ends_choose_the_arm():
     line, _ = medial_axis(star, np.array([2.0, 6.0]), np.array([96.0, 148.0]))
     assert line[0, 0] < 1.0
     assert line[-1] == pytest.approx([96.0, 150.0], abs=0.2)
+
+
+def test_a_bank_that_runs_straight_too_far_is_refused_before_it_takes_minutes():
+    slip = shapely.Polygon([(0, 0), (150, 0), (39_000, 22), (0, 22)])
+    with pytest.raises(WorldError, match=r"run straight for 39000 m between two positions; limit 6\d{3} m at"):
+        medial_axis(slip)

@@ -19,7 +19,23 @@ def test_widths_are_read_as_people_write_them(value, expected):
 
 @pytest.mark.parametrize(
     "value",
-    ["wide", "", "10-15", "1,200", "14 parsecs", "-3", 0, -1, True, None, float("nan"), float("inf"), [4], "1e5"],
+    [
+        "wide",
+        "",
+        "10-15",
+        "1,200",
+        "14 parsecs",
+        "-3",
+        0,
+        -1,
+        True,
+        None,
+        float("nan"),
+        float("inf"),
+        [4],
+        "1e5",
+        10**400,
+    ],
 )
 def test_an_unreadable_width_is_refused_by_name(value):
     with pytest.raises(
@@ -58,6 +74,8 @@ def test_tags_say_what_a_feature_is(kind, tags, role):
         ({"highway": "footway"}, 3.0),
         ({"highway": "residential"}, 6.5),
         ({"highway": "primary", "lanes": "3"}, 9.75),
+        ({"highway": "primary", "lanes": "9" * 400}, 6.5),
+        ({"highway": "primary", "lanes": "0"}, 6.5),
         ({"highway": "primary", "lanes": "2;3"}, 6.5),
         ({"railway": "rail"}, 5.0),
         ({}, 3.2),

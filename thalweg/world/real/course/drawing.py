@@ -65,7 +65,7 @@ def _without_water(found: FeatureList, by_role: dict[str, list[Feature]]) -> str
 def name_of(feature: Feature) -> str | None:
     """Return the name of a feature, None for one without."""
     name = feature.tags.get("name")
-    return " ".join(name.split()) or None if isinstance(name, str) else None
+    return " ".join(name.encode("utf-8", "replace").decode().split()) or None if isinstance(name, str) else None
 
 
 def _named(river_name: str, ways: list[Feature], banks: list[Feature]) -> tuple[list[Feature], list[Feature]]:

@@ -18,6 +18,8 @@ SPACING_M = (0.25, 4.0)
 """Least and greatest distance of the points on the boundary."""
 MAX_BOUNDARY_POINTS = 60_000
 """Maximum number of points on the boundary."""
+MAX_SIDE_POINTS = 5000
+"""Maximum number of points between two corners: the time of the diagram grows as the square of points on a line."""
 FORK = 2**0.5
 """Length of the branch into a square corner, relative to the distance of its root from the banks."""
 AHEAD = 1.4
@@ -46,14 +48,7 @@ def _inner_edges(polygon: Any) -> tuple[np.ndarray, np.ndarray]:
     from scipy.spatial import Voronoi
 
     shapely = need("shapely", "a polygon of banks")
-    width = 2 * polygon.area / polygon.length
-    spacing = float(np.clip(width / POINTS_ACROSS, *SPACING_M))
-    if polygon.length / spacing > MAX_BOUNDARY_POINTS:
-        raise WorldError(
-            f"the banks are {polygon.length:.0f} m long; limit {MAX_BOUNDARY_POINTS * spacing:.0f} m: cut the polygon "
-            "to the reach"
-        )
-    boundary = shapely.get_coordinates(shapely.segmentize(polygon.exterior, spacing))[:-1]
+    boundary = shapely.get_coordinates(shapely.segmentize(polygon.exterior, _spacing(polygon)))[:-1]
     diagram = Voronoi(boundary)
     ridges = np.asarray(diagram.ridge_vertices)
     ridges = ridges[(ridges >= 0).all(axis=1)]
@@ -62,6 +57,27 @@ def _inner_edges(polygon: Any) -> tuple[np.ndarray, np.ndarray]:
     if len(ridges) < 2:
         raise WorldError("the polygon of the banks is too small or too thin to have a middle line")
     return diagram.vertices, ridges
+
+
+def _spacing(polygon: Any) -> float:
+    """Return the distance of the points on the boundary; raises `WorldError` for a boundary that is too long, or that
+    runs straight too far, as with a position that is far from where it should be."""
+    shapely = need("shapely", "a polygon of banks")
+    width = 2 * polygon.area / polygon.length
+    spacing = float(np.clip(width / POINTS_ACROSS, *SPACING_M))
+    if polygon.length / spacing > MAX_BOUNDARY_POINTS:
+        raise WorldError(
+            f"the banks are {polygon.length:.0f} m long; limit {MAX_BOUNDARY_POINTS * spacing:.0f} m: cut the polygon "
+            "to the reach"
+        )
+    corners = shapely.get_coordinates(polygon.exterior)
+    longest = float(np.hypot(*np.diff(corners, axis=0).T).max())
+    if longest / spacing > MAX_SIDE_POINTS:
+        raise WorldError(
+            f"the banks run straight for {longest:.0f} m between two positions; limit {MAX_SIDE_POINTS * spacing:.0f} m"
+            " at their width: correct the positions, or cut the polygon to the reach"
+        )
+    return spacing
 
 
 def _route(

@@ -32,6 +32,7 @@ METRES_OF = {
 }
 LENGTH = re.compile(r"~?\s*(\d{1,6}(?:[.,]\d{1,2}|\.\d+)?)\s*(m|cm|km|ft|feet|foot|met(?:re|er)s?)?\.?", re.IGNORECASE)
 FEET = re.compile(r"(\d{1,4})'\s*(?:(\d{1,2}(?:\.\d+)?)\")?")
+LANES = re.compile(r"[1-9][0-9]?")
 DECK_M = {
     "footway": 3.0, "path": 3.0, "cycleway": 3.5, "pedestrian": 4.0, "steps": 3.0, "bridleway": 3.0, "track": 4.0,
     "service": 4.0,
@@ -98,6 +99,6 @@ def deck_width(tags: Mapping[str, Any], label: str) -> float:
         return metres(given[1], f"{given[0]} of {label}")
     if "highway" in tags:
         lanes = tags.get("lanes", ROAD_LANES)
-        count = float(lanes) if str(lanes).isdecimal() else ROAD_LANES
+        count = float(lanes) if LANES.fullmatch(str(lanes)) else ROAD_LANES
         return DECK_M.get(str(tags["highway"]), LANE_M * count)
     return RAILWAY_M if "railway" in tags else PLAIN_DECK_M

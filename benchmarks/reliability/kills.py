@@ -1,0 +1,291 @@
+"""Kills of training commands at random moments: the same command resumes and ends with the same files.
+
+    python benchmarks/reliability/kills.py                            # 50 kills of each command
+    python benchmarks/reliability/kills.py --commands train --kills 6
+    python benchmarks/reliability/kills.py --smoke                    # one kill of `train`, no table
+
+Each command runs undisturbed; then in trials, each in a folder of its own. In a trial it is killed (SIGKILL) one to
+three times, at random moments after its folder was created, and then resumed to its end. Moments are shares of the
+processor time of the undisturbed run, so that other work on the machine does not move them. At the end all files must
+have the numbers of the undisturbed run, without any time; what was finished at a kill (a policy, an encoder, the
+flights of a trial) must be the same file, not another one with the same content; and the last checkpoint must still be
+there. kills.csv has a row for each kill; a trial that has its rows is skipped. The settings are tiny, and a checkpoint
+is written after every update.
+"""
+
+import argparse
+import csv
+import io
+import json
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+from pieces import Pieces
+
+HERE = Path(__file__).resolve().parent
+TABLE = HERE / "kills.csv"
+KEY = ("command", "trial", "kill")
+RUN, SUITE = "run", "tiny.yaml"
+"""Names of the run's folder and the suite's file in the folder of a trial."""
+TICK_S = 0.01
+"""Time between two looks at a process."""
+LONGEST_S = 1800.0
+"""Time after which a run that is neither finished nor killed counts as stuck."""
+TINY_SUITE = """
+arms: [{algorithm: PPO, seeds: [0, 1], steps: 1024, settings: {steps_per_update: 256}}]
+train_level: Easy
+test_levels: [Easy]
+episodes: 2
+num_envs: 4
+baselines: [hover]
+packaged: false
+observation: privileged
+film: none
+"""
+COMMANDS: dict[str, tuple[str, ...]] = {
+    "train": (
+        *("train", "--algorithm", "FOCOPS", "--level", "Easy", "--observation", "privileged", "--num-envs", "4"),
+        *("--steps", "4096", "--set", "steps_per_update=256", "--out", RUN),
+    ),
+    "bench": ("bench", SUITE, "--jobs", "1", "--out", RUN),
+    "imitate": (
+        *(
+            "imitate",
+            "--levels",
+            "Easy",
+            "--world-seeds",
+            "1000",
+            "--num-envs",
+            "4",
+            "--steps",
+            "640",
+            "--threads",
+            "1",
+        ),
+        *("--set", "filters=[4, 4, 4, 4]", "features=16", "memory_size=8", "hidden=[16]", "sequence=8"),
+        *("gate_rivers=1", "teacher_steps=64", "--out", RUN),
+    ),
+    "encoder": (
+        *("encoder", "train", "--level", "Easy", "--inputs", "mask", "--latent", "2", "--images", "24"),
+        *("--held-out", "4", "--epochs", "6", "--out", RUN),
+    ),
+}
+"""The arguments of each command; its folder is the working one, so that no path differs between trials."""
+LASTING = ("policy.safetensors", "encoder.safetensors", "evaluation/*.csv")
+"""Files that are written once, when what they hold is finished."""
+CHECKPOINTS = re.compile(r"(^|/)(checkpoints/|checkpoint\.)")
+NOT_COMPARED = re.compile(r"(^|/)(checkpoints/|checkpoint\.|logs/|events\.|report/.*\.(html|png|svg)$|error\.txt)")
+A_TIME = re.compile(r"second|time|_s$")
+"""Names of columns and keys that hold times."""
+
+
+@dataclass(frozen=True)
+class Undisturbed:
+    """What the run that was never killed took and left."""
+
+    created_s: float
+    """Processor time until its folder was there."""
+    total_s: float
+    contents: dict[str, str]
+
+
+def child(name: str) -> int:
+    """Run a command in this process, with a checkpoint after every update."""
+    from thalweg.cli.main import main as thalweg
+    from thalweg.train import run_in_folder
+
+    loop = run_in_folder.training_loop
+
+    def often(*arguments: object) -> None:
+        loop(*arguments[:-1], 0.0)  # pyright: ignore[reportArgumentType, reportCallIssue]
+
+    run_in_folder.training_loop = often
+    return thalweg(list(COMMANDS[name]))
+
+
+def start(name: str, folder: Path) -> subprocess.Popen:
+    """Start a command in the folder of a trial, as the leader of a group of processes; its output goes to a file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / SUITE).write_text(TINY_SUITE)
+    log = open(folder / "output.txt", "a")  # noqa: SIM115 (the process has it)
+    command = [sys.executable, __file__, "--child", name]
+    return subprocess.Popen(command, cwd=folder, stdout=log, stderr=log, process_group=0)
+
+
+def processor_s(pid: int) -> float:
+    """Return the processor time that a process has taken so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def watch(process: subprocess.Popen, created: Path, kill_after_s: float | None) -> tuple[float, bool]:
+    """Wait for the end of a process, or kill it so much processor time after a file `created` was there.
+
+    Returns its processor time until that file was there, and whether it was killed. Raises `RuntimeError` for a process
+    that is stuck.
+    """
+    begun, created_s = time.monotonic(), None
+    while process.poll() is None:
+        used = processor_s(process.pid)
+        if created_s is None and created.exists():
+            created_s = used
+        if kill_after_s is not None and created_s is not None and used - created_s >= kill_after_s:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            return created_s, True
+        if time.monotonic() - begun > LONGEST_S:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise RuntimeError(f"{process.args} is stuck")
+        time.sleep(TICK_S)
+    return created_s or 0.0, False
+
+
+def finish(name: str, folder: Path) -> float:
+    """Run or resume a command to its end; returns the processor time until its folder was there.
+
+    Raises `RuntimeError`, with its last words, if it fails.
+    """
+    process = start(name, folder)
+    created_s, _ = watch(process, folder / RUN, None)
+    if process.returncode:
+        raise RuntimeError(f"{name} ended with {process.returncode}: {(folder / 'output.txt').read_text()[-2000:]}")
+    return created_s
+
+
+def undisturbed(name: str, folder: Path) -> Undisturbed:
+    """Return what a command does that is not killed; twice, since the first one builds rivers and compiles."""
+    for _ in range(2):
+        shutil.rmtree(folder, ignore_errors=True)
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        created_s = finish(name, folder)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    total_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return Undisturbed(created_s, total_s, contents(folder / RUN))
+
+
+def contents(folder: Path) -> dict[str, str]:
+    """Return what the files of a run hold, without times: tables and JSON as text, others by their bytes."""
+    found = {}
+    for path in sorted(each for each in folder.rglob("*") if each.is_file()):
+        name = path.relative_to(folder).as_posix()
+        if NOT_COMPARED.search(name):
+            continue
+        if path.suffix == ".csv":
+            found[name] = without_times(path.read_text())
+        elif path.suffix == ".json":
+            found[name] = json.dumps(_without_times(json.loads(path.read_text())))
+        else:
+            found[name] = path.read_bytes().hex()
+    return found
+
+
+def without_times(table: str) -> str:
+    """Return a table without its columns of times."""
+    rows = list(csv.reader(io.StringIO(table)))
+    kept = [index for index, column in enumerate(rows[0]) if not A_TIME.search(column)] if rows else []
+    return "\n".join(",".join(row[index] for index in kept) for row in rows)
+
+
+def _without_times(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _without_times(each) for key, each in value.items() if not A_TIME.search(key)}
+    return [_without_times(each) for each in value] if isinstance(value, list) else value
+
+
+def lasting(folder: Path) -> dict[str, tuple[int, int]]:
+    """Return inode and time of change of the files of a run that are finished."""
+    paths = (path for pattern in LASTING for path in folder.rglob(pattern))
+    return {path.relative_to(folder).as_posix(): (path.stat().st_ino, path.stat().st_mtime_ns) for path in paths}
+
+
+def newest_checkpoint(folder: Path) -> str:
+    """Return the names of the newest checkpoints of the runs in a folder."""
+    newest: dict[Path, str] = {}
+    for path in folder.rglob("checkpoints/[0-9]*"):
+        newest[path.parent] = max(newest.get(path.parent, ""), path.name)
+    return " ".join(str(int(step)) for step in newest.values())
+
+
+def trial(name: str, number: int, folder: Path, usual: Undisturbed) -> Iterator[dict[str, object]]:
+    """Kill a command one to three times, resume it to its end, and yield a row for each kill."""
+    random = Random(f"{name} {number}")
+    shutil.rmtree(folder, ignore_errors=True)
+    rows: list[dict[str, object]] = []
+    faults: list[str] = []
+    finished: dict[str, tuple[int, int]] = {}
+    for kill in range(1 + number % 3):
+        after_s = random.random() * max(usual.total_s - usual.created_s, TICK_S)
+        _, killed = watch(process := start(name, folder), folder / RUN, after_s)
+        if not killed:
+            if process.returncode:
+                faults.append(f"resumed: ended with {process.returncode}")
+            break
+        now = lasting(folder / RUN)
+        faults += [
+            f"{path} was finished and is another file now" for path in finished if finished[path] != now.get(path)
+        ]
+        finished = now
+        row: dict[str, object] = dict(zip(KEY, (name, number, kill), strict=True))
+        left = {"after_s": f"{after_s:.2f}", "finished": len(now), "checkpoint": newest_checkpoint(folder / RUN)}
+        rows.append(row | left)
+    try:
+        finish(name, folder)
+    except RuntimeError as error:
+        faults.append(" ".join(str(error).split())[:300])
+    now, there = lasting(folder / RUN), contents(folder / RUN)
+    faults += [f"{path} was finished and is another file now" for path in finished if finished[path] != now.get(path)]
+    for path in sorted(usual.contents.keys() | there.keys()):
+        if usual.contents.get(path) != there.get(path):
+            faults.append(f"{path} differs from that of the undisturbed run")
+    for row in rows:
+        yield row | {"faults": len(faults), "first": faults[0].replace(",", ";") if faults else ""}
+    if not faults:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--commands", nargs="+", choices=[*COMMANDS], default=[*COMMANDS])
+    parser.add_argument("--kills", type=int, default=50, help="kills of each command")
+    parser.add_argument("--out", type=Path, default=TABLE)
+    parser.add_argument("--runs", type=Path, default=HERE.parents[1] / "runs" / "kills", help="folder of the runs")
+    parser.add_argument("--smoke", action="store_true", help="one kill of train, without a table")
+    parser.add_argument("--child", choices=[*COMMANDS], help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.child:
+        return child(given.child)
+    runs, failed = given.runs.resolve(), False
+    table = Pieces(given.out, KEY)
+    for name in ("train",) if given.smoke else given.commands:
+        usual, wanted, number = None, 1 if given.smoke else given.kills, 0
+        done = 0
+        while done < wanted:
+            known = (
+                []
+                if given.smoke
+                else [row for row in table.rows if (row["command"], row["trial"]) == (name, str(number))]
+            )
+            if not known or known[0]["faults"] != "0":
+                usual = usual or undisturbed(name, runs / f"{name}-undisturbed")
+                known = list(trial(name, number, runs / f"{name}-{number}", usual))
+                for row in known:
+                    failed |= row["faults"] != 0
+                    print(*(f"{key} {value}" for key, value in row.items()), flush=True)
+                    if not given.smoke:
+                        table.add(row)
+            done, number = done + len(known), number + 1
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

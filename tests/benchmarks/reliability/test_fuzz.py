@@ -1,0 +1,89 @@
+"""Tests of the fuzzing: valid samples are read, silent and foreign errors are failures, finished pieces are skipped."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+KINDS = (
+    *("geojson", "geojson line", "overpass", "gpx", "kml", "world", "suite", "run config", "run status"),
+    *("checkpoint arrays", "checkpoint state", "policy", "encoder", "flight", "suite record", "versions", "runs"),
+    *("episodes", "training"),
+)
+
+
+@pytest.fixture
+def fuzz(script: Callable[[str], ModuleType]) -> ModuleType:
+    return script("fuzz")
+
+
+def test_every_kind_is_listed(fuzz: ModuleType):
+    assert tuple(fuzz.KINDS) == KINDS
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_sample_is_read_without_mutation(name: str, fuzz: ModuleType, tmp_path: Path):
+    kind = fuzz.KINDS[name]
+    samples = kind.samples(tmp_path)
+    for content in samples:
+        (tmp_path / kind.file).write_bytes(content)
+        assert fuzz.outcome(kind, tmp_path / kind.file) == ("read", "")
+    assert samples
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_few_mutated_files_of_every_kind_are_read_or_refused(name: str, fuzz: ModuleType):
+    tally = fuzz.fuzz(name, 0, 8)
+    assert tally.failures == [] and tally.read + tally.refused == 8
+
+
+@pytest.mark.parametrize(
+    ("read", "result"),
+    [
+        (lambda path: 1.5, ("read", "")),
+        (lambda path: {"a": [np.zeros(2), float("nan")]}, ("failed", "silent: it.a[1] is nan")),
+        (lambda path: np.array([np.inf]), ("failed", "silent: it holds a number that is not finite")),
+        (lambda path: "\ud800", ("failed", "silent: it is text that cannot be written: '\\ud800'")),
+        (lambda path: {}["key"], ("failed", "KeyError: 'key'")),
+    ],
+)
+def test_what_a_reader_does_is_judged(read: Callable, result: tuple[str, str], fuzz: ModuleType, tmp_path: Path):
+    kind = replace(fuzz.KINDS["runs"], read=read)
+    assert fuzz.outcome(kind, tmp_path / "runs.csv") == result
+
+
+@pytest.mark.parametrize(("message", "result"), [("runs.csv: no", "refused"), ("no", "failed")])
+def test_an_error_must_name_the_file(message: str, result: str, fuzz: ModuleType, tmp_path: Path):
+    def refuse(path: Path) -> None:
+        raise fuzz.KINDS["runs"].errors[0](message)
+
+    kind = replace(fuzz.KINDS["runs"], read=refuse)
+    assert fuzz.outcome(kind, tmp_path / "runs.csv")[0] == result
+
+
+def test_a_finished_piece_is_skipped_and_one_with_failures_is_run_again(
+    fuzz: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    fuzzed: list[str] = []
+    outcomes = {"runs": ["0: KeyError"], "episodes": []}
+
+    def fuzz_one(name: str, piece: int, files: int, kept: Path | None):
+        fuzzed.append(name)
+        return fuzz.Tally(read=files - len(outcomes[name]), failures=outcomes[name])
+
+    monkeypatch.setattr(fuzz, "fuzz", fuzz_one)
+    monkeypatch.setattr(fuzz, "bound_memory", lambda: None)
+    command = ["fuzz.py", "--kinds", "runs", "episodes", "--pieces", "1", "--out", str(tmp_path / "fuzz.csv")]
+    monkeypatch.setattr("sys.argv", command)
+    assert fuzz.main() == 1
+    outcomes["runs"] = []
+    assert fuzz.main() == 0
+    assert fuzz.main() == 0
+    assert fuzzed == ["runs", "episodes", "runs"]
+    lines = (tmp_path / "fuzz.csv").read_text().splitlines()
+    assert lines[0] == "kind,piece,files,read,refused,failed,slowest_s"
+    rows = sorted(line.rpartition(",")[0] for line in lines[1:])
+    assert rows == ["episodes,0,1000,1000,0,0", "runs,0,1000,1000,0,0"]

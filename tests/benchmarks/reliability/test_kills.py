@@ -1,0 +1,109 @@
+"""Tests of the kills: what is compared and what is not, on a command that takes a moment."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+PROGRAM = """
+import sys, time
+from pathlib import Path
+folder = Path("run")
+folder.mkdir(exist_ok=True)
+log = folder / "episodes.csv"
+done = log.read_text().splitlines() if log.exists() else []
+for line in range(len(done), 6):
+    until = time.process_time() + 0.02
+    while time.process_time() < until:
+        pass
+    with open(log, "a") as file:
+        file.write(f"{line},{line * FACTOR}\\n" if line else "step,return\\n")
+if not (folder / "policy.safetensors").exists() or AGAIN:
+    (folder / "policy.safetensors").write_bytes(b"policy")
+time.sleep(0.3)
+"""
+
+
+@pytest.fixture
+def kills(script: Callable[[str], ModuleType]) -> ModuleType:
+    return script("kills")
+
+
+def program(kills: ModuleType, monkeypatch: pytest.MonkeyPatch, factor: str = "2", again: bool = False) -> None:
+    """Let every command be the program above."""
+    text = PROGRAM.replace("FACTOR", factor).replace("AGAIN", str(again))
+
+    def start(name: str, folder: Path) -> subprocess.Popen:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "output.txt").touch()
+        return subprocess.Popen([sys.executable, "-c", text], cwd=folder, process_group=0)
+
+    monkeypatch.setattr(kills, "start", start)
+
+
+def test_a_command_that_resumes_has_no_fault(kills: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    program(kills, monkeypatch)
+    usual = kills.undisturbed("train", tmp_path / "undisturbed")
+    assert usual.contents["episodes.csv"].splitlines()[-1] == "5,10"
+    rows = list(kills.trial("train", 2, tmp_path / "trial", usual))
+    assert rows and [row["kill"] for row in rows] == list(range(len(rows)))
+    assert {row["faults"] for row in rows} == {0}
+    assert not (tmp_path / "trial").exists()
+
+
+def test_another_number_after_a_kill_is_a_fault(kills: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    program(kills, monkeypatch)
+    usual = kills.undisturbed("train", tmp_path / "undisturbed")
+    program(kills, monkeypatch, factor="3")
+    (row, *_) = kills.trial("train", 0, tmp_path / "trial", usual)
+    assert row["faults"] == 1 and row["first"] == "episodes.csv differs from that of the undisturbed run"
+    assert (tmp_path / "trial").exists()
+
+
+def test_what_was_finished_must_stay_the_same_file(kills: ModuleType, tmp_path: Path):
+    policy = tmp_path / "runs" / "PPO-0" / "policy.safetensors"
+    policy.parent.mkdir(parents=True)
+    policy.write_bytes(b"policy")
+    before = kills.lasting(tmp_path)
+    assert list(before) == ["runs/PPO-0/policy.safetensors"]
+    assert kills.lasting(tmp_path) == before
+    policy.unlink()
+    policy.write_bytes(b"policy")
+    assert kills.lasting(tmp_path) != before
+
+
+def test_times_checkpoints_and_pictures_are_not_compared(kills: ModuleType, tmp_path: Path):
+    (tmp_path / "metrics.csv").write_text("steps,seconds,return,time_act,steps_per_s\n1,2,3,4,5\n")
+    (tmp_path / "status.json").write_text('{"seconds": 1.5, "steps": [1, {"time": 2}]}')
+    changing = "checkpoints/1/state.json", "logs/a.txt", "report/page.html", "events.out.1", "checkpoint.safetensors"
+    for name in changing:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("changes")
+    assert kills.contents(tmp_path) == {"metrics.csv": "steps,return\n1,3", "status.json": '{"steps": [1, {}]}'}
+
+
+def test_the_newest_checkpoint_of_each_run_is_named(kills: ModuleType, tmp_path: Path):
+    for name in ("000000000256", "000000000512"):
+        (tmp_path / "runs" / "a" / "checkpoints" / name).mkdir(parents=True)
+    assert kills.newest_checkpoint(tmp_path) == "512"
+
+
+def test_finished_trials_are_skipped(kills: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    tried: list[int] = []
+
+    def trial(name: str, number: int, folder: Path, usual: object):
+        tried.append(number)
+        identity = dict(zip(kills.KEY, (name, number, 0), strict=True))
+        yield identity | {"after_s": "1.0", "finished": 0, "checkpoint": "", "faults": 0, "first": ""}
+
+    monkeypatch.setattr(kills, "trial", trial)
+    monkeypatch.setattr(kills, "undisturbed", lambda name, folder: None)
+    command = ["kills.py", "--commands", "bench", "--kills", "2", "--out", str(tmp_path / "kills.csv")]
+    monkeypatch.setattr("sys.argv", command)
+    assert kills.main() == 0
+    monkeypatch.setattr("sys.argv", [*command[:4], "3", *command[5:]])
+    assert kills.main() == 0
+    assert tried == [0, 1, 2]

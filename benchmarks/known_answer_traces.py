@@ -1,5 +1,7 @@
 """Multipliers or budgets, and costs, over the steps of runs of `known_answer.py` that miss what is required.
 
+All runs of SafeLOOP on `mixture` are here, since those that reach it show why one misses.
+
     python benchmarks/known_answer_traces.py [--only ALGORITHM ...]
 
 trains those of `RUNS` that have no rows of today's versions again, which repeats them to the last bit, and writes their

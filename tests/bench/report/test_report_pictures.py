@@ -59,7 +59,7 @@ def test_the_suite_of_the_learning_curves_makes_its_report_of_one_level(tmp_path
     assert [line.get_label() for line in figure.axes[0].lines] == ["PPO (3 seeds)", "FOCOPS (3 seeds)"]
     (bars,) = failure_bars(results).axes
     assert [label.get_text() for label in bars.get_yticklabels()] == [*suite.baselines, "PPO", "FOCOPS"]
-    assert report.table.read_text().startswith("| policy | seeds | Easy return | Easy cost |\n")
+    assert report.table.read_text().startswith("| policy | seeds | Easy return | Easy cost | critics see |\n")
     assert "on Easy, start" in (tmp_path / "film.txt").read_text()
     assert report.page.read_text().count("<img ") == 5
 

@@ -83,6 +83,8 @@ def test_what_critics_of_outdated_policies_saw_is_what_their_runs_recorded():
     assert [again.critics_see(name) for name in ("PPO", "PPO (render 1)")] == [same, "unknown"]
     eye = replace(results, suite=suite | {"observation": "privileged"})
     assert eye.critics_see("CUP (render 1)") == "unknown", "the privileged observation says nothing of its critics"
+    assert algorithm_table(results).text["critics see"].tolist() == [same, more], "an arm has been run as these alone"
+    assert replace(results, versions={}).critics_see("PPO (render 1)") == "unknown", "nothing is recorded"
 
 
 def test_tables_of_policies_say_last_what_critics_see(results: Results):

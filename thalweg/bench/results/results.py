@@ -220,17 +220,23 @@ class Results:
         """Return what critics of a policy saw in training, see `SEEN_BY_CRITICS`; `none` for one that was not trained.
 
         Of a policy with other versions, whose defaults may have been others, it is what its runs recorded, or `unknown`
-        where records tell nothing: if it sees the privileged observation itself, or has been run again since.
+        where records tell nothing: if there are none, if it sees the privileged observation itself, or has been run
+        again since. An arm that has been run with other versions alone has their answer.
         """
         name = self.outdated[policy].policy if policy in self.outdated else policy
         arm = next((arm for arm in arms_of(self.suite) if arm["name"] == name), None)
         if arm is None:
             return "none"
+        rerun = name in {row.algorithm for row in self.runs}
         if policy not in self.outdated:
+            older = {self.critics_see(each) for each, of in self.outdated.items() if of.policy == name}
+            if older and not rerun:
+                return older.pop() if len(older) == 1 else "unknown"
             return SEEN_BY_CRITICS[name in self.with_asymmetric_critics]
-        if name in self.privileged or name in {row.algorithm for row in self.runs}:
+        records = [self.versions[run] for seed in arm["seeds"] if (run := f"{name}-{seed}") in self.versions]
+        if name in self.privileged or rerun or not records:
             return "unknown"
-        return SEEN_BY_CRITICS[any("privileged" in self.versions.get(f"{name}-{seed}", {}) for seed in arm["seeds"])]
+        return SEEN_BY_CRITICS[any("privileged" in record for record in records)]
 
     @property
     def flights(self) -> set[tuple[str, str, int, str]]:

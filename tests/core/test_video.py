@@ -58,23 +58,45 @@ def test_errors_in_drawing_frames_are_not_those_of_the_video(tmp_path: Path):
         write_video(tmp_path / "a.mp4", frames(), 4, crf=20)
 
 
+def test_frames_of_another_size_are_refused(tmp_path: Path):
+    frames = [FRAMES[0], FRAMES[1, :, :32]]
+    with pytest.raises(VideoError, match=r"a\.mp4 needs .*: one of 32 x 32 came after those of 32 x 34"):
+        write_video(tmp_path / "a.mp4", frames, 4, crf=20)
+
+
+def test_what_ffmpeg_does_not_take_is_named_as_the_file_that_was_wanted(tmp_path: Path):
+    path = tmp_path / "film.badext"
+    frames = np.zeros((8, 512, 512, 3), np.uint8)  # each more than a pipe holds
+    with pytest.raises(VideoError) as raised, atomic_path(path) as draft:
+        write_video(draft, frames, 4, crf=20, name=path)
+    start, reason = str(raised.value).split("video: ")
+    assert start == f"{path} cannot be written as a "
+    assert reason.startswith("[Errno ") and "FFMPEG" not in reason and "\n" not in reason
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("place", ["write_frames", "count_frames_and_secs"])
 @pytest.mark.parametrize("free", [0, 10**9], ids=["full", "not full"])
 def test_a_pipe_to_ffmpeg_that_breaks_on_a_full_disk_is_the_error_of_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, place: str
 ):
+    said = {
+        "write_frames": "[Errno 32] Broken pipe\n\nFFMPEG COMMAND:\nffmpeg ...\n\nFFMPEG STDERR OUTPUT:\n",
+        "count_frames_and_secs": "FFMPEG call failed with 1:\nffmpeg version ...\n[Errno 32] Broken pipe\n",
+    }
+
     def broken(*_: object, **__: object):
-        raise OSError("FFMPEG COMMAND ...\n[Errno 32] Broken pipe")
+        raise OSError(said[place])
 
     monkeypatch.setattr(f"imageio_ffmpeg.{place}", broken)
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage(10**9, 10**9 - free, free))
     path = tmp_path / "film.mp4"
     with pytest.raises((OSError, VideoError)) as raised, atomic_path(path) as draft:
-        write_video(draft, FRAMES, 4, crf=20)
+        write_video(draft, FRAMES, 4, crf=20, name=path)
     if free:
         assert isinstance(raised.value, VideoError)
-        assert str(raised.value).endswith("cannot be written as a video: [Errno 32] Broken pipe")
+        assert str(raised.value) == f"{path} cannot be written as a video: [Errno 32] Broken pipe"
     else:
         assert isinstance(raised.value, OSError)
         assert (raised.value.errno, raised.value.filename) == (errno.ENOSPC, str(path))

@@ -29,10 +29,21 @@ class Video:
     fps: float
     """Frames a second; NaN if the file does not say."""
     frames: Iterator[np.ndarray]
-    """Frames [H, W, 3] uint8, one after the other; raises `VideoError` where they are damaged."""
+    """Frames [H, W, 3] uint8, one after the other, as far as they can be read.
+
+    Raises `VideoError` where ffmpeg fails; but of a damaged video it often reads fewer frames and tells no error.
+    """
 
 
-def write_video(path: Path, frames: Iterable[np.ndarray], fps: float, *, crf: int, key_every: int | None = None) -> int:
+def write_video(
+    path: Path,
+    frames: Iterable[np.ndarray],
+    fps: float,
+    *,
+    crf: int,
+    key_every: int | None = None,
+    name: Path | None = None,
+) -> int:
     """Write frames [H, W, 3] uint8, all of one size, and return how many there are; writes no file without any.
 
     Args:
@@ -41,22 +52,28 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float, *, crf: in
         fps: Frames a second.
         crf: Constant rate factor of H.264, from 0, lossless, to 51.
         key_every: Frames between two key frames, from which reading can begin; None leaves them to the encoder.
+        name: File that errors name, such as the one that a draft at `path` becomes; `path` by default.
 
-    Raises `VideoError` for sides that are odd, and for what ffmpeg does not take, and `OSError` for a full disk.
+    Raises `VideoError` for sides that are odd, for frames of another size than the first one, and for what ffmpeg does
+    not take, and `OSError` for a full disk.
     """
-    writer, count = None, 0
+    name = path if name is None else name
+    writer, count, shape = None, 0, None
     try:
         for frame in frames:
-            with _errors_of_writing(path):
+            if shape is not None and frame.shape != shape:
+                sizes = f"one of {frame.shape[0]} x {frame.shape[1]} came after those of {shape[0]} x {shape[1]}"
+                raise VideoError(f"{name} needs frames of one height and width: {sizes}")
+            with _errors_of_writing(path, name, 0):
                 if writer is None:
-                    writer = _begin(path, frame, fps, crf, key_every)
+                    writer, shape = _begin(path, frame, fps, crf, key_every), frame.shape
                 writer.send(np.ascontiguousarray(frame))
             count += 1
     finally:
         if writer is not None:
             writer.close()
     if count:
-        with _errors_of_writing(path):
+        with _errors_of_writing(path, name, -1):
             imageio_ffmpeg.count_frames_and_secs(str(path))  # raises for a video without an end
     return count
 
@@ -110,21 +127,24 @@ def _errors_of_reading(path: Path) -> Iterator[None]:
     try:
         yield
     except (OSError, RuntimeError, IndexError, KeyError, StopIteration) as error:
-        raise VideoError(f"{path} cannot be read as a video{_reason(error)}") from error
+        raise VideoError(f"{path} cannot be read as a video{_reason(error, -1)}") from error
 
 
 @contextmanager
-def _errors_of_writing(path: Path) -> Iterator[None]:
-    """Raise ffmpeg's errors, which tell only of a broken pipe, as that of a full disk or as `VideoError`."""
+def _errors_of_writing(path: Path, name: Path, line: int) -> Iterator[None]:
+    """Raise ffmpeg's errors, which tell only of a broken pipe, as that of a full disk or as `VideoError` of `name`.
+
+    `line`: index of the line that says why; 0 where frames are sent, since the command follows, and -1 in reading.
+    """
     try:
         yield
     except (OSError, RuntimeError) as error:
         if shutil.disk_usage(path.parent).free < FULL_BYTES:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path)) from error
-        raise VideoError(f"{path} cannot be written as a video{_reason(error)}") from error
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(name)) from error
+        raise VideoError(f"{name} cannot be written as a video{_reason(error, line)}") from error
 
 
-def _reason(error: BaseException) -> str:
-    """Return the last line of an error after a colon; nothing without one."""
+def _reason(error: BaseException, line: int) -> str:
+    """Return the line of an error with the index `line` after a colon; nothing for an error without text."""
     lines = str(error).strip().splitlines()
-    return f": {lines[-1]}" if lines else ""
+    return f": {lines[line]}" if lines else ""

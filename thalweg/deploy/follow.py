@@ -138,6 +138,6 @@ def follow(path: Path, out: Path, follower: Follower, title: str) -> np.ndarray:
 
     with open_video(path) as video, atomic_path(out) as draft:
         every = frames_of_step(video, path)
-        if not write_video(draft, overlays(islice(video.frames, 0, None, every)), video.fps / every, crf=CRF):
+        if not write_video(draft, overlays(islice(video.frames, 0, None, every)), video.fps / every, crf=CRF, name=out):
             raise VideoError(f"{path} has no frame")
     return np.stack(taken)

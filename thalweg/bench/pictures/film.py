@@ -261,6 +261,6 @@ def write_film(
         yield from [picture] * round(HOLD_S * FRAMES_PER_S)
 
     with atomic_path(path) as draft:
-        write_video(draft, pictures(), FRAMES_PER_S, crf=shape.crf)
+        write_video(draft, pictures(), FRAMES_PER_S, crf=shape.crf, name=path)
     assert poster is not None
     write_picture(path.with_suffix(POSTER), Image.fromarray(poster))

@@ -40,7 +40,7 @@ class Flown:
     """A flight of T steps at a price."""
 
     poses: np.ndarray
-    """[T, 4] x, y, z in metres and the heading in radians."""
+    """[T, 4] x, y, z in metres and the heading in radians, before each step."""
     costs: np.ndarray
     """[T] cost of each step, without that of an ending."""
     props: np.ndarray | None
@@ -82,10 +82,10 @@ def flown(course: Course, config: EvaluationConfig, price: float) -> Flown:
     poses, costs, props, total, ended = [], [], [], 0.0, False
     while not ended:
         props.append(env.props())
+        poses.append(env.state.pose[0].copy())
         unit_actions = oracle.actions(plan, env.state, ahead, np.ones(1, bool))
         actions = from_unit_actions(env.config.action, unit_actions, env.config.fast_ratio)
         _, reward, terminated, truncated, info = env.step(actions)
-        poses.append(info["pose"][0].copy())
         costs.append(float(info["costs"][0, kind]))
         total, ended = total + float(reward[0]), bool(terminated[0] or truncated[0])
     env.close()
@@ -109,7 +109,7 @@ def map_of(env: RiverVectorEnv, fast: Flown, careful: Flown) -> Image.Image:
         track = smooth(flight.poses[:, :2])
         line(track, colour, LINE_PX)
         for step in np.flatnonzero(flight.costs > 0):
-            line(track[max(step - 1, 0) : step + 1], tuple(np.array(COSTLY) // (1 if flight is fast else 2)), LINE_PX)
+            line(track[step : step + 2], COSTLY, LINE_PX)
     picture = drawn.reduce(FINER)
     write(picture, [("no price: " + fast.label, FAST), (f"price {PRICES[-1]:g}: " + careful.label, CAREFUL)])
     return picture

@@ -127,6 +127,8 @@ class EncoderTrain:
             **seeds,
             **self._given("images", "held_out", "epochs", "views", "rivers_in_memory", "device"),
         ).run()
+        if result.already_finished:
+            print(f"{self.out} was finished before; nothing was trained.")
         print(f"{result.path}, judged on rivers held out, under all looks, by R² of a linear regression on the code:")
         print("\n".join(result.lines))
         return 0

@@ -200,7 +200,7 @@ def test_descriptions_on_a_broken_disk_are_named(tmp_path: Path, monkeypatch: py
         raise OSError(errno.EIO, "Input/output error", str(path))
 
     monkeypatch.setattr(Path, "read_text", broken)
-    with pytest.raises(DatasetError, match="flights cannot be read as a data set of LeRobot: .*Input/output error"):
+    with pytest.raises(DatasetError, match=r"flights cannot be read as a data set of LeRobot: .*Input/output error"):
         read_recordings(folder)
 
 

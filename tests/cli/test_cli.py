@@ -104,6 +104,13 @@ def test_a_character_that_the_output_lacks_is_a_question_mark(monkeypatch: pytes
     assert written.getvalue().decode("ascii").splitlines() == ["R? of ?"]
 
 
+def test_a_character_that_the_stream_of_errors_lacks_is_its_number(monkeypatch: pytest.MonkeyPatch):
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(written, encoding="ascii", write_through=True))
+    assert main(["report", "läufe/rhône"]) == 2
+    assert r"l\xe4ufe/rh\xf4ne" in written.getvalue().decode("ascii")
+
+
 def test_a_pipe_that_breaks_elsewhere_is_an_error(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture):
     def broken(*_):
         raise BrokenPipeError

@@ -39,9 +39,7 @@ def test_the_tables_count_it(hard: Results):
     assert counts == {"Easy": "0", "Medium": "1"}
     details = detail_table(hard)
     assert "ended by a cost" in details.text.columns
-    shares = [
-        float(row["cost_incurred"]) for row in csv.DictReader(details.csv.splitlines()) if row["policy"] == "PPO"
-    ]
+    shares = [float(row["cost_incurred"]) for row in csv.DictReader(details.csv.splitlines()) if row["policy"] == "PPO"]
     assert shares == [0.0, 0.5]
 
 

@@ -158,9 +158,7 @@ def test_gaps_stand_in_every_table(tiny_results: Path):
     ]
     table = list(csv.DictReader(paper_table(results).csv.splitlines()))
     ours = [
-        (row["policy"], row["level"], row["seeds"], row["planned_seeds"])
-        for row in table
-        if row["source"] == "thalweg"
+        (row["policy"], row["level"], row["seeds"], row["planned_seeds"]) for row in table if row["source"] == "thalweg"
     ]
     assert ours[-2:] == [("FOCOPS", "Easy", "0", "1"), ("FOCOPS", "Medium", "0", "1")]
     assert ours[2] == ("PPO", "Easy", "1", "2")

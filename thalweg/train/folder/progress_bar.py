@@ -3,6 +3,7 @@
 import time
 from typing import Protocol, Self
 
+from rich.console import Console
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
@@ -24,7 +25,7 @@ class Shown(Protocol):
 
 
 class ProgressBar:
-    """A progress bar with steps per second and the means of the last episodes; invisible unless `shown`.
+    """A progress bar on stderr with steps per second and the means of the last episodes; invisible unless `shown`.
 
     The rate is the mean since the first update of the bar, learning included; steps before a resume do not count.
     """
@@ -32,7 +33,7 @@ class ProgressBar:
     def __init__(self, title: str, steps: int, shown: bool) -> None:
         words = "{task.completed:,.0f}/{task.total:,.0f} steps, {task.fields[rate]}{task.fields[means]}"
         columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TextColumn(words))
-        self._bar = Bar(*columns, TimeRemainingColumn())
+        self._bar = Bar(*columns, TimeRemainingColumn(), console=Console(stderr=True))
         self._bar.disable = not shown
         self._task = self._bar.add_task(title, total=steps, rate="", means="")
         self._shown_at, self._began_at, self._first_steps = 0.0, 0.0, -1

@@ -67,7 +67,7 @@ class StatusFile:
 
 
 class StageClock:
-    """Measures how the time between two updates is spent, and adds it to that of the run, to its end or interruption."""
+    """Measures how the time between two updates is spent; the run's own is counted also when it is interrupted."""
 
     def __init__(self, trainer: AnyTrainer) -> None:
         self.trainer = trainer

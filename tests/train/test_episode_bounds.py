@@ -63,6 +63,61 @@ def test_a_vector_of_single_environments_declares_what_these_do():
     assert declared_bounds(SyncVectorEnv([Declared, Declared])) == {"cost": (2.0,)}
 
 
+class Doubled(gym.Wrapper):
+    """A wrapper from elsewhere, which may change rewards and costs."""
+
+    def step(self, action: Any) -> Any:
+        obs, reward, terminated, truncated, info = self.env.step(action)
+        return obs, 2 * float(reward), terminated, truncated, info | {"cost": 2 * info["cost"]}
+
+
+class Marked(gym.Wrapper):
+    """A wrapper from elsewhere that leaves steps alone."""
+
+
+def declaring() -> gym.Env:
+    env: Any = Declared()
+    env.episode_bounds = BOTH
+    return env
+
+
+ALL, COSTS = {"return", "cost", "costs"}, {"cost", "costs"}
+
+
+@pytest.mark.parametrize(
+    ("wrap", "kept"),
+    [
+        (lambda env: gym.wrappers.TimeLimit(env, 5), ALL),
+        (Marked, ALL),
+        (lambda env: gym.wrappers.TransformReward(env, lambda reward: 2 * reward), COSTS),
+        (lambda env: gym.wrappers.TimeLimit(gym.wrappers.NormalizeReward(env), 5), COSTS),
+        (lambda env: gym.wrappers.RepeatAction(env, 2), set()),
+        (Doubled, set()),
+    ],
+)
+def test_bounds_of_what_a_wrapper_may_change_do_not_hold_around_it(wrap: Any, kept: set[str]):
+    assert set(declared_bounds(wrap(declaring()))) == kept
+    assert set(declared_bounds(SyncVectorEnv([lambda: wrap(declaring())]))) == kept
+
+
+@pytest.mark.parametrize(
+    ("wrap", "kept"),
+    [
+        (gym.wrappers.vector.RecordEpisodeStatistics, ALL),
+        (lambda envs: gym.wrappers.vector.TransformReward(envs, lambda reward: 2 * reward), COSTS),
+        (gym.wrappers.vector.NormalizeReward, COSTS),
+    ],
+)
+def test_bounds_of_what_a_wrapper_of_vectors_may_change_do_not_hold_around_it(wrap: Any, kept: set[str]):
+    assert set(declared_bounds(wrap(walk(BOTH)))) == kept
+
+
+def test_a_wrapper_that_changes_rewards_may_declare_bounds_of_its_own():
+    env: Any = Doubled(declaring())
+    env.episode_bounds = {"return": (0, 20)}
+    assert declared_bounds(env) == {"return": (0.0, 20.0)}
+
+
 @pytest.mark.parametrize(
     ("bounds", "words"),
     [
@@ -77,7 +132,7 @@ def test_a_vector_of_single_environments_declares_what_these_do():
         ({"costs": (1.0, float("nan"))}, r"\['costs'\] must be two finite numbers"),
     ],
 )
-def test_bounds_that_are_none_are_refused(bounds: Any, words: str):
+def test_wrong_bounds_are_refused(bounds: Any, words: str):
     with pytest.raises(TrainingError, match=words):
         declared_bounds(walk(bounds))
 

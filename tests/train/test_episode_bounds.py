@@ -143,21 +143,24 @@ def test_a_run_records_declared_bounds_says_so_and_resumes(tmp_path: Path, capsy
     run("TD3Lag", walk({"return": (0, 10)}), progress=True, **given)
     recorded = yaml.safe_load((tmp_path / "config.yaml").read_text())["run"]["config"]
     assert (recorded["return_bounds"], recorded["largest_costs"]) == ([0.0, 10.0], [])
-    said = "values are held within return_bounds (0.0, 10.0), which the environment declares; values are held within"
-    assert f"{said} learnt bounds, as largest_costs is not given" in capsys.readouterr().err
+    said = "Values are kept within return_bounds (0.0, 10.0), which the environment declares. Values are kept near the"
+    assert f"{said} range of costs seen so far" in capsys.readouterr().err
     assert run("TD3Lag", walk({"return": (0, 10)}), **given).already_finished
     with pytest.raises(TrainingError, match="return_bounds"):
         run("TD3Lag", Walk(), **given)
 
 
+NEAR, DEFAULT = "Values are kept near the range of", "seen so far, which is the default;"
+
+
 @pytest.mark.parametrize(
     ("algorithm", "given", "line"),
     [
-        ("TD3Lag", {}, "values are held within learnt bounds, as return_bounds and largest_costs are not given"),
-        ("TD3Lag", {"return_bounds": [0, 10]}, "values are held within learnt bounds, as largest_costs is not given"),
+        ("TD3Lag", {}, f"{NEAR} returns and costs {DEFAULT} return_bounds and largest_costs would fix it."),
+        ("TD3Lag", {"return_bounds": [0, 10]}, f"{NEAR} costs {DEFAULT} largest_costs would fix it."),
         ("TD3Lag", {"return_bounds": [0, 10], "largest_costs": [1.0]}, ""),
         ("TD3Lag", {"bound_targets": False}, ""),
-        ("CCEPETS", {}, "values are held within learnt bounds, as return_bounds is not given"),
+        ("CCEPETS", {}, f"{NEAR} returns {DEFAULT} return_bounds would fix it."),
         ("CCEPETS", {"terminal_value": False}, ""),
         ("PPO", {}, ""),
     ],

@@ -35,6 +35,8 @@ OWN_STEP = ("gymnasium", "thalweg")
 """Packages whose other wrappers change no rewards and no costs."""
 BOUNDS = ("return_bounds", "largest_costs")
 """Settings of algorithms that hold values within what an episode can pay and cost."""
+WHAT = {"return_bounds": "returns", "largest_costs": "costs"}
+"""What the values of each setting are of."""
 
 
 def with_declared_bounds(config: Any, env: Any) -> Any:
@@ -121,7 +123,7 @@ def _checked(key: str, value: Any) -> tuple[float, ...]:
 
 
 def bounds_in_words(config: Any, given: Any) -> str:
-    """Return a line that names the bounds of values which a config leaves to be learnt, or has from the environment;
+    """Return a sentence about the bounds of values which a config leaves to be learnt, or has from the environment;
     empty if there are none.
 
     `given` is the config without what the environment declares.
@@ -131,8 +133,11 @@ def bounds_in_words(config: Any, given: Any) -> str:
     known = [name for name in BOUNDS if hasattr(config, name)]
     declared = [f"{name} {getattr(config, name)}" for name in known if getattr(config, name) != getattr(given, name)]
     missing = [name for name in known if not getattr(config, name)]
-    lines = [f"values are held within {' and '.join(declared)}, which the environment declares"] if declared else []
+    lines = [f"Values are kept within {' and '.join(declared)}, which the environment declares."] if declared else []
     if missing:
-        verb = "are" if len(missing) > 1 else "is"
-        lines.append(f"values are held within learnt bounds, as {' and '.join(missing)} {verb} not given")
-    return "; ".join(lines)
+        what = " and ".join(WHAT[name] for name in missing)
+        lines.append(
+            f"Values are kept near the range of {what} seen so far, which is the default; {' and '.join(missing)}"
+            " would fix it."
+        )
+    return " ".join(lines)

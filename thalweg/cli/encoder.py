@@ -66,11 +66,11 @@ class EncoderTrain:
             raise UsageError(f"{option} is for --target {targets}: leave it out, or choose that target")
         if len(self.level) > 1:
             raise UsageError(f"--level takes one level for --target image, not {' '.join(self.level)}")
-        reach = self.river.reach("--level", self.level)
+        reach = self.river.reach("--level", self.level, levels_have_banks=True)
         result = collect_and_train(
             self.out,
             VAEConfig(inputs=self.inputs, architecture=self.architecture, **self._given("latent")),
-            level=reach or (self.level[0] if self.level else "Medium"),
+            level=reach or self.river.on_banks(self.level[0] if self.level else "Medium"),
             world_seeds=parse_seeds(self.world_seeds, "--world-seeds", UsageError),
             seed=self.seed,
             command=shlex.join(["thalweg", *sys.argv[1:]]),

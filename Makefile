@@ -14,7 +14,7 @@ export MPLBACKEND := Agg
 
 help:
 	@echo "make demo    train, evaluate and report at small scale (about five minutes on two free cores); OUT=folder, default results"
-	@echo "make test    run the tests that take under five minutes on two cores"
+	@echo "make test    run the tests of every part, six to eight minutes on two free cores; leaves out the slow ones"
 	@echo "make test-slow   run the others, with Ray and the compiler for GPUs; make test-all runs both"
 	@echo "make test-interop   run the tests against other libraries, each in an environment of its own; LIBRARIES=names, default all"
 	@echo "make lint    format check, lint and types, as in CI"

@@ -12,7 +12,6 @@ runs the rows of an algorithm again.
 """
 
 import argparse
-import hashlib
 import multiprocessing
 import sys
 from collections.abc import Sequence
@@ -21,7 +20,7 @@ from pathlib import Path
 
 # The rows come first: they let the problems, which are part of the tests, be imported.
 from known_answer_page import page, written_pages
-from known_answer_rows import COLUMNS, HERE, KEY, SEEDS, Table, finished, key, result_of, row_versions
+from known_answer_rows import COLUMNS, HERE, KEY, SEEDS, Table, finished, folder_name, key, result_of, row_versions
 
 from tests.known_answer.harness import ACTION_SETUPS, REQUIREMENTS, Case, cases, trained
 from tests.known_answer.problems import PROBLEMS
@@ -31,12 +30,9 @@ from thalweg.core.atomic_io import write_atomic
 
 def measure(case: Case, seed: int, runs: Path) -> dict[str, str]:
     """Train, or resume, and score a run; returns its row."""
-    name = key(case, seed)
-    folder = hashlib.sha256(repr((row_versions(case.algorithm), name)).encode()).hexdigest()[:16]
-    result = trained(case, seed, runs / f"{case.algorithm}-{case.action_setup}-{case.problem}-{seed}-{folder}")
-    score = result.score
+    score = trained(case, seed, runs / folder_name(case, seed)).score
     return {
-        **dict(zip(KEY, name, strict=True)),
+        **dict(zip(KEY, key(case, seed), strict=True)),
         **row_versions(case.algorithm),
         "reward": f"{score.reward:.4f}",
         "reward_error": f"{score.reward_error:.4f}",

@@ -1,5 +1,6 @@
 """Rows of the benchmark on problems with a known optimum: what identifies a run, and its result beside the optimum."""
 
+import hashlib
 import json
 import sys
 from pathlib import Path
@@ -58,6 +59,12 @@ def row_versions(algorithm: str) -> dict[str, str]:
         "algorithm_version": str(versions.ALGORITHMS[algorithm]),
         "training_version": str(versions.TRAINING),
     }
+
+
+def folder_name(case: Case, seed: int) -> str:
+    """Return the name of a run's folder, which no run of other settings, tables or versions has."""
+    digest = hashlib.sha256(repr((row_versions(case.algorithm), key(case, seed))).encode()).hexdigest()[:16]
+    return f"{case.algorithm}-{case.action_setup}-{case.problem}-{seed}-{digest}"
 
 
 def finished(path: Path) -> Table:

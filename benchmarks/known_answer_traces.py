@@ -14,7 +14,7 @@ import math
 from pathlib import Path
 
 # The rows come first: they let the problems, which are part of the tests, be imported.
-from known_answer_rows import HERE, row_versions
+from known_answer_rows import HERE, folder_name, row_versions
 
 from tests.known_answer.harness import REQUIREMENTS, Case, trained
 from thalweg.algos.constraint.cost_limits import cost_suffixes
@@ -107,7 +107,8 @@ def main() -> None:
         if run[0] not in chosen.only or any(key.items() <= row.items() for row in rows_of(chosen.out)):
             continue
         algorithm, problem, seed = run
-        case, folder = Case(algorithm, "multidiscrete", problem), chosen.runs / f"{algorithm}-{problem}-{seed}"
+        case = Case(algorithm, "multidiscrete", problem)
+        folder = chosen.runs / folder_name(case, seed)
         result = trained(case, seed, folder)
         print(f"{algorithm}, {problem}, seed {seed}: share {result.share:.3f}, costs {result.score.costs}", flush=True)
         replace_rows(chosen.out, key, trace(case, read_csv(folder / "metrics.csv", ("steps",))))

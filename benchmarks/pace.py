@@ -22,6 +22,7 @@ from page_sections import replace_section
 from thalweg.algos.registry import ALGORITHMS, algorithm_named
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.report.figures import STYLE
+from thalweg.bench.report.policies import CRITICS_SEE
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core import versions
 from thalweg.core.atomic_io import atomic_path, write_atomic
@@ -105,7 +106,7 @@ def measure(algorithm: str, folder: Path) -> None:
 
 def table() -> str:
     """Return the table of the page: minutes, the share of each stage, and the processors below."""
-    head = ["algorithm", "critics see", "version", "minutes", "steps a second", *STAGES, "return", "cost"]
+    head = ["algorithm", CRITICS_SEE, "version", "minutes", "steps a second", *STAGES, "return", "cost"]
     lines = []
     rows = rows_of(TABLE, COLUMNS)
     for row in rows:

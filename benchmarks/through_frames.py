@@ -24,6 +24,7 @@ from page_sections import replace_section
 from river_flights import mean_return
 
 from thalweg.bench.csv_files import read_csv
+from thalweg.bench.report.policies import CRITICS_SEE
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core.atomic_io import write_atomic
 from thalweg.train.observations import SEEN_BY_CRITICS
@@ -113,7 +114,7 @@ def table(rows: Iterable[Mapping[str, str]]) -> str:
         cost = f"{np.mean([float(row['cost']) for row in runs]):.3f}"
         critics = SEEN_BY_CRITICS[told[name]]
         lines.append([shown[name], critics, river, str(len(runs)), str(mean_return(runs)), each, cost])
-    header = ["algorithm", "critics see", f"river of {LEVEL}", "seeds", "return", "return by seed", "cost"]
+    header = ["algorithm", CRITICS_SEE, f"river of {LEVEL}", "seeds", "return", "return by seed", "cost"]
     return markdown(frame(header, lines))
 
 

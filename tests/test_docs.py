@@ -8,6 +8,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ from thalweg.algos.presets import PAPER
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.cli.encoder import ENCODER_COMMANDS
 from thalweg.cli.main import COMMANDS, _parse
+from thalweg.render import Camera
+from thalweg.render.records.randomisation import Randomisation
 
 ROOT = Path(__file__).resolve().parent.parent
 INDEX = ROOT / "docs" / "README.md"
@@ -137,11 +140,28 @@ def test_the_page_of_the_benchmark_names_every_suite():
     assert re.findall(r"^\| `(\w+)` \| ", text, flags=re.MULTILINE)[: len(SUITES)] == list(SUITES)
 
 
+def script(name: str) -> Any:
+    """A script of the docs as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_look_of_the_followed_video_is_outside_the_ranges_of_training_in_each_number():
+    film = script("follow_film")
+    film.check_outside(film.LOOK)
+    with pytest.raises(ValueError, match=r"haze = 6\.0 is within 0\.3 to 6\.0"):
+        film.check_outside(replace(film.LOOK, haze=6.0))
+    assert film.SUN_DEG[1] < Randomisation().sun_elevation_deg[0]
+    trained = Camera()
+    for name in ("fov_deg", "pitch_deg"):
+        assert getattr(film.CAMERA, name) > getattr(trained, name) + getattr(Randomisation(), name)[1]
+
+
 def test_pictures_in_a_row_keep_their_scale_and_stand_on_one_line():
-    module = importlib.util.spec_from_file_location("pictures", ROOT / "docs" / "pictures.py")
-    assert module is not None and module.loader is not None
-    pictures = importlib.util.module_from_spec(module)
-    module.loader.exec_module(pictures)
+    pictures = script("pictures")
     tall, wide = Image.new("RGB", (50, 100), "red"), Image.new("RGB", (150, 80), "green")
     row = pictures.row([tall, wide], 200 + pictures.GAP)
     assert row.size == (200 + pictures.GAP, 100)

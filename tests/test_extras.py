@@ -102,7 +102,8 @@ def modules_of(extra: str) -> set[str]:
             "1 flights",
         ),
         ("export", ["export", "--out", "policy.onnx"], 0, "acts as the policy does"),
-        ("viewer", ["fly", "--host", "0.0.0.0"], 2, "would serve on all addresses"),
+        # The policy is loaded before the page is served, at an address of documents that no machine has.
+        ("viewer", ["fly", "packaged", "--level", "easy", "--host", "192.0.2.1"], 2, "of 192.0.2.1 cannot be used"),
     ],
 )
 def test_an_extra_brings_all_that_its_command_needs(
@@ -133,6 +134,12 @@ def test_the_extras_are_those_of_the_projects_file():
     }
     assert names == {extra: set(modules) - {"cuda"} for extra, modules in EXTRAS.items()}
     assert declared()["all"] == ["thalweg[learn,cli,plot,film,geo,viewer,record,export]"]
+
+
+def test_an_extra_installs_nothing_that_the_package_does_not_name():
+    sources = "".join(path.read_text() for path in ROOT.glob("thalweg/**/*.py") if path.name != "extras.py")
+    behind = {"onnxscript"}  # PyTorch's exporter imports it
+    assert [name for name in OPTIONAL if not re.search(rf"(?<![\w-]){name}(?![\w-])", sources)] == sorted(behind)
 
 
 def test_the_version_is_that_of_the_installation():

@@ -8,6 +8,7 @@ from types import ModuleType
 import pytest
 
 from tests.known_answer.harness import Case
+from thalweg.core import versions
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -56,6 +57,28 @@ def test_planners_have_budgets_instead(traces: ModuleType):
         [{"steps": "2048", "budget": "0.1749", "cost_mean_50": "0.1", "return_mean_50": "4"}],
     )
     assert (found["multiplier"], found["budget"]) == ("", "0.175")
+
+
+def test_a_run_of_another_version_has_a_folder_of_its_own(
+    traces: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    folders: list[Path] = []
+
+    class Stopped(Exception): ...
+
+    def trained(case: Case, seed: int, folder: Path) -> None:
+        folders.append(folder)
+        raise Stopped
+
+    monkeypatch.setattr(traces, "trained", trained)
+    monkeypatch.setattr(sys, "argv", ["traces", "--runs", str(tmp_path), "--out", str(tmp_path / "rows.csv")])
+    first = versions.ALGORITHMS["TD3Lag"]
+    for version in (first, first, first + 1):
+        monkeypatch.setitem(versions.ALGORITHMS, "TD3Lag", version)
+        with pytest.raises(Stopped):
+            traces.main()
+    assert folders[0] == folders[1] != folders[2]
+    assert all(folder.name.startswith("TD3Lag-multidiscrete-dense-2-") for folder in folders)
 
 
 def test_every_run_has_rows_of_todays_versions(traces: ModuleType):

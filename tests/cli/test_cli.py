@@ -19,6 +19,7 @@ from thalweg.cli.encoder import ENCODER_COMMANDS, EncoderTrain
 from thalweg.cli.main import COMMANDS, _parse, main
 from thalweg.cli.options import NO_FILE, RiverFile, settings_from
 from thalweg.cli.render import RenderFrames
+from thalweg.train.encoder.water import WaterTraining
 from thalweg.train.folder.checkpoint import save_checkpoint
 from thalweg.world import World
 
@@ -74,6 +75,25 @@ def test_the_help_of_an_option_is_broken_nowhere_but_at_the_width(
     assert [text for text in texts if not text.endswith(")")] == []  # a text ends with its default, or (required)
 
 
+def test_the_help_of_encoder_train_names_the_defaults_of_each_target(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.setattr(WaterTraining.__dataclass_fields__["epochs"], "default", 77)
+    text = " ".join(line.strip("│ ") for line in help_lines(["encoder", "train"], 1000, monkeypatch, capsys))
+    for told in (
+        "Size of a code. (default: 16 for image, 32 for geometry)",
+        "several. (default: Medium for image, Easy Medium Hard for geometry, Easy Medium Hard for water)",
+        "if none is given. (default: 1000:1022 for geometry, 1000:1006 for water)",
+        "for measurement only. (default: 3000:3006 for geometry, 3000:3002 for water)",
+        "(default: 2000 for image, 4096 for geometry, 2048 for water)",
+        "(default: 200 for image, 1024 for geometry, 384 for water)",
+        "Epochs of training. (default: 100 for image, 16 for geometry, 77 for water)",
+        "of flights. (default: 96 for geometry)",
+        "or auto. (default: cpu for geometry)",
+    ):
+        assert told in text
+
+
 def test_the_help_of_train_names_every_algorithm(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
     text = "\n".join(help_lines(["train"], 1000, monkeypatch, capsys))
     *names, last = ALGORITHMS
@@ -102,6 +122,13 @@ def test_a_character_that_the_output_lacks_is_a_question_mark(monkeypatch: pytes
     monkeypatch.setattr("thalweg.cli.report.Report.run", lambda _: print("R² of λ") or 0)
     assert main(["report", "x"]) == 0
     assert written.getvalue().decode("ascii").splitlines() == ["R? of ?"]
+
+
+def test_a_character_that_the_stream_of_errors_lacks_is_its_number(monkeypatch: pytest.MonkeyPatch):
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stderr", io.TextIOWrapper(written, encoding="ascii", write_through=True))
+    assert main(["report", "läufe/rhône"]) == 2
+    assert r"l\xe4ufe/rh\xf4ne" in written.getvalue().decode("ascii")
 
 
 def test_a_pipe_that_breaks_elsewhere_is_an_error(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture):

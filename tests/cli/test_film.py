@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-import imageio.v2 as imageio
 import numpy as np
 import pytest
 
 from thalweg.bench.pictures.film import FRAMES_PER_S, HOLD_S
 from thalweg.bench.pictures.film_format import LARGE
 from thalweg.cli.main import main
+from thalweg.core.video import read_video
 from thalweg.viewer.flight.flight import Flight, env_of
 from thalweg.viewer.flight.options import FlightOptions
 from thalweg.viewer.flight.recording import Folder
@@ -27,7 +27,7 @@ def saved(tmp_path: Path, easy_world: World) -> Path:
 
 def frames_of(path: Path) -> int:
     """Number of frames of a film; raises an error unless they have the usual size."""
-    frames = list(imageio.get_reader(path).iter_data())
+    frames = list(read_video(path))
     assert {frame.shape[:2] for frame in frames} == {LARGE.size_px[::-1]}
     return len(frames)
 

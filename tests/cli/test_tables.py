@@ -53,3 +53,15 @@ def test_a_table_takes_the_room_that_a_wide_terminal_has():
     file = io.StringIO()
     lines = printed_rows(Console(width=250, file=file, force_terminal=True, color_system=None), file)
     assert len([line for line in lines if LONG in line]) == 4
+
+
+def test_each_sign_is_explained_where_it_is():
+    printed = io.StringIO()
+    rows = [replace(episode(9.5, 0.1, "Success", seed=seed, length=300), algorithm="PPO") for seed in range(3)]
+    print_tables(Console(width=WIDTH, file=printed), Results(Path(), {}, [], rows, [], []))
+    text = printed.getvalue()
+    assert "│ PPO, published * │" in text and "\n*: Wang and Mahmoudian 2024" in text
+    assert "\n±: standard deviation over episodes" in text and "\n[ ]: 95 % confidence interval" in text
+    one = io.StringIO()
+    print_tables(Console(width=WIDTH, file=one), Results(Path(), {}, [], [replace(rows[0], algorithm="mine")], [], []))
+    assert "[ ]" not in one.getvalue() and "*" not in one.getvalue() and "±: " in one.getvalue()

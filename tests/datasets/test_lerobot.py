@@ -3,8 +3,10 @@
 LeRobot needs another version of torch than this project pins, so that it is not run here.
 """
 
+import errno
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import imageio_ffmpeg
@@ -164,3 +166,50 @@ def test_a_damaged_picture_is_named_with_its_column(tmp_path: Path):
     )
     with pytest.raises(DatasetError, match=r"file-000.parquet has a damaged picture in the column mask"):
         list(read_recordings(tmp_path / "flights")[1])
+
+
+def test_a_video_with_fewer_frames_than_rows_is_refused(tmp_path: Path):
+    videos = write(tmp_path / "flights", video=True) / f"videos/{CAMERA}/chunk-000"
+    (videos / "file-001.mp4").write_bytes((videos / "file-000.mp4").read_bytes())
+    with pytest.raises(DatasetError, match=r"file-001\.mp4 has 3 frames that can be read, but its flight has 5 steps"):
+        list(read_recordings(tmp_path / "flights")[1])
+
+
+def test_a_video_that_was_cut_off_is_refused_and_not_read_short(tmp_path: Path):
+    path = write(tmp_path / "flights", video=True) / f"videos/{CAMERA}/chunk-000/file-001.mp4"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])  # the table of its frames stands at the front
+    with pytest.raises(DatasetError, match=r"file-001\.mp4 has [1-4] frames that can be read"):
+        list(read_recordings(tmp_path / "flights")[1])
+
+
+@pytest.mark.parametrize(("content", "told"), [(b"no video", "cannot be read as a video"), (None, "No such file")])
+def test_a_video_that_is_none_or_missing_is_named(content: bytes | None, told: str, tmp_path: Path):
+    path = write(tmp_path / "flights", video=True) / f"videos/{CAMERA}/chunk-000/file-000.mp4"
+    path.unlink()
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(DatasetError) as caught:
+        list(read_recordings(tmp_path / "flights")[1])
+    assert told in str(caught.value) and "file-000.mp4" in str(caught.value)
+
+
+def test_descriptions_on_a_broken_disk_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    folder = write(tmp_path / "flights")
+
+    def broken(path: Path, *_: object, **__: object) -> str:
+        raise OSError(errno.EIO, "Input/output error", str(path))
+
+    monkeypatch.setattr(Path, "read_text", broken)
+    with pytest.raises(DatasetError, match=r"flights cannot be read as a data set of LeRobot: .*Input/output error"):
+        read_recordings(folder)
+
+
+def test_frames_that_make_no_video_are_refused(tmp_path: Path):
+    odd = flight(2)
+    odd = without(replace(odd, rgb=odd.rgb[:, 1:]), mask=None, depth_m=None, class_id=None)
+    with (
+        pytest.raises(DatasetError, match="a video needs an even height and width, not 31 x 34"),
+        recording(tmp_path / "flights", "lerobot", replace(ABOUT, layers=()), video=True) as writer,
+    ):
+        writer.add(odd)
+    assert not any(tmp_path.iterdir())

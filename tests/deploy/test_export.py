@@ -1,5 +1,6 @@
 """Tests of exported policies: ONNX Runtime acts as the policy does, and what cannot be faithful is refused."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,13 @@ from thalweg.train.errors import TrainingError
 from thalweg.world import World
 
 STEPS = 40
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "export.md"
+
+
+def keys_on_the_page() -> str:
+    """First column of the page's table of metadata."""
+    table = PAGE.read_text(encoding="utf-8").partition("| key | value |\n|---|---|\n")[2].partition("\n\n")[0]
+    return "\n".join(line.split("|")[1] for line in table.splitlines())
 
 
 def test_the_packaged_policy_flies_the_same_flight_by_onnx_runtime(tmp_path: Path, easy_world: World):
@@ -93,6 +101,7 @@ def test_a_file_says_what_it_needs_and_what_it_means(tmp_path: Path):
     policy.save(source)
     export_policy(policy, tmp_path / "policy.onnx", source=source, name="mine")
     about = OnnxPolicy.load(tmp_path / "policy.onnx").about
+    assert set(re.findall(r"`(\w+)`", keys_on_the_page())) == set(about)
     assert (about["name"], about["algorithm"], about["sees"]) == ("mine", "DAgger", "rgb")
     assert about["policy_hash"] and about["versions"]["torch"] == torch.__version__
     assert about["actions"]["yaw"] == ["turn left", "none", "turn right"]

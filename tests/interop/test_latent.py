@@ -9,11 +9,12 @@ from gymnasium.utils.env_checker import check_env
 
 from tests.interop.small import actions, assert_same, single, vector
 from thalweg.encoder import VAE, EncoderFileError, EncoderInputError, VAEConfig, load_encoder, save_vae
+from thalweg.env import RiverVectorEnv
 from thalweg.interop.errors import InteropError
 from thalweg.interop.latent import LatentEnv
 from thalweg.interop.vector_envs import vector_env
 from thalweg.render import RENDER_VERSION, Camera
-from thalweg.train import LatentVectorEnv
+from thalweg.train import LatentVectorEnv, TrainingError
 
 
 @pytest.mark.parametrize("observation", ["rgb+mask", "rgb,mask,proprioception"])
@@ -56,3 +57,11 @@ def test_vector_environments_with_an_encoder_observe_its_codes():
     expected = LatentVectorEnv(vector(2, camera=Camera()), load_encoder()).reset(seed=4)[0]
     options = {"camera": Camera(), "quality": "fast", "max_steps": 12}
     assert_same(vector_env("thalweg/Easy-v0", 2, "default", options).reset(seed=4)[0], expected)
+
+
+def test_environments_that_an_encoder_cannot_see_are_closed(monkeypatch: pytest.MonkeyPatch):
+    closed = []
+    monkeypatch.setattr(RiverVectorEnv, "close_extras", lambda self, **_: closed.append(self))
+    with pytest.raises(TrainingError) as caught:
+        vector_env("thalweg/Easy-v0", 2, "default", {"observation": "none"})
+    assert len(closed) == 1 and caught.tb

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.interop.small import OPTIONS, actions, assert_same, output_of_example, single, vector
+from thalweg.env import RiverVectorEnv
 from thalweg.interop.errors import InteropError
 
 pytest.importorskip("pufferlib", reason="PufferLib is not installed: make test-interop")
@@ -38,7 +39,7 @@ def river(num_envs: int = 3, **options: Any) -> Any:
 @pytest.mark.parametrize("options", KINDS, ids=str)
 def test_values_are_those_of_the_native_vector_environment_and_infos_are_sums_of_episodes(options: dict):
     env, native = river(**options), vector(**options)
-    assert_same(env.reset(seed=7)[0], native.reset(seed=7)[0])
+    assert_same(env.reset(seed=7)[0], native.reset(seed=7 * 3)[0])
     sums, ended = np.zeros((3, 3)), 0
     for action in actions(native.action_space, 40):
         obs, reward, terminated, truncated, info = native.step(action)
@@ -59,7 +60,10 @@ def test_two_of_them_share_the_buffers_of_its_vector_environment():
         RiverPufferEnv, ["thalweg/Easy-v0", 2], options, backend=pufferlib.vector.Serial, num_envs=2, seed=5
     )
     natives = [vector(2, observation="privileged") for _ in range(2)]
-    assert_same(both.reset(seed=5)[0], np.concatenate([each.reset(seed=5 + i)[0] for i, each in enumerate(natives)]))
+    seeds = (10, 12)  # of the instances 5 and 6: 10, 11 and 12, 13
+    expected = [native.reset(seed=seed)[0] for native, seed in zip(natives, seeds, strict=True)]
+    assert_same(both.reset(seed=5)[0], np.concatenate(expected))
+    assert len(np.unique(both.observations, axis=0)) == 4, "no two environments begin alike"
     action = np.ones((4, 4), dtype=np.int32)
     expected = [native.step(action[:2]) for native in natives]
     obs, rewards, *_ = both.step(action)
@@ -71,7 +75,7 @@ def test_two_of_them_share_the_buffers_of_its_vector_environment():
 def test_the_seed_of_its_making_is_that_of_the_first_reset():
     native = vector(observation="privileged")
     env = river(observation="privileged", seed=3)
-    for seed in (3, None):
+    for seed in (9, None):
         assert_same(env.reset()[0], native.reset(seed=seed)[0])
 
 
@@ -104,11 +108,14 @@ def test_its_learner_collects_a_batch(tmp_path: Path):
     assert set(stats["done_reason"]) <= set(range(6))
 
 
-def test_observations_and_modes_that_it_cannot_take_are_refused_by_name():
-    with pytest.raises(InteropError, match="observations that are one array, not a Dict: choose another observation="):
+def test_observations_and_modes_that_it_cannot_take_are_refused_by_name(monkeypatch: pytest.MonkeyPatch):
+    closed = []
+    monkeypatch.setattr(RiverVectorEnv, "close_extras", lambda self, **_: closed.append(self))
+    with pytest.raises(InteropError, match="observations that are one array, not a Dict") as first:
         river(observation="dict")
-    with pytest.raises(InteropError, match="autoreset_mode is SAME_STEP, not NEXT_STEP"):
+    with pytest.raises(InteropError, match="autoreset_mode is SAME_STEP, not NEXT_STEP") as second:
         river(observation="none", autoreset_mode="next_step")
+    assert len(closed) == 2 and first.tb and second.tb, "its environments are closed while errors still refer to them"
 
 
 def test_a_policy_learns_by_example(tmp_path: Path):

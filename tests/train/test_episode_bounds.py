@@ -63,6 +63,61 @@ def test_a_vector_of_single_environments_declares_what_these_do():
     assert declared_bounds(SyncVectorEnv([Declared, Declared])) == {"cost": (2.0,)}
 
 
+class Doubled(gym.Wrapper):
+    """A wrapper from elsewhere, which may change rewards and costs."""
+
+    def step(self, action: Any) -> Any:
+        obs, reward, terminated, truncated, info = self.env.step(action)
+        return obs, 2 * float(reward), terminated, truncated, info | {"cost": 2 * info["cost"]}
+
+
+class Marked(gym.Wrapper):
+    """A wrapper from elsewhere that leaves steps alone."""
+
+
+def declaring() -> gym.Env:
+    env: Any = Declared()
+    env.episode_bounds = BOTH
+    return env
+
+
+ALL, COSTS = {"return", "cost", "costs"}, {"cost", "costs"}
+
+
+@pytest.mark.parametrize(
+    ("wrap", "kept"),
+    [
+        (lambda env: gym.wrappers.TimeLimit(env, 5), ALL),
+        (Marked, ALL),
+        (lambda env: gym.wrappers.TransformReward(env, lambda reward: 2 * reward), COSTS),
+        (lambda env: gym.wrappers.TimeLimit(gym.wrappers.NormalizeReward(env), 5), COSTS),
+        (lambda env: gym.wrappers.RepeatAction(env, 2), set()),
+        (Doubled, set()),
+    ],
+)
+def test_bounds_of_what_a_wrapper_may_change_do_not_hold_around_it(wrap: Any, kept: set[str]):
+    assert set(declared_bounds(wrap(declaring()))) == kept
+    assert set(declared_bounds(SyncVectorEnv([lambda: wrap(declaring())]))) == kept
+
+
+@pytest.mark.parametrize(
+    ("wrap", "kept"),
+    [
+        (gym.wrappers.vector.RecordEpisodeStatistics, ALL),
+        (lambda envs: gym.wrappers.vector.TransformReward(envs, lambda reward: 2 * reward), COSTS),
+        (gym.wrappers.vector.NormalizeReward, COSTS),
+    ],
+)
+def test_bounds_of_what_a_wrapper_of_vectors_may_change_do_not_hold_around_it(wrap: Any, kept: set[str]):
+    assert set(declared_bounds(wrap(walk(BOTH)))) == kept
+
+
+def test_a_wrapper_that_changes_rewards_may_declare_bounds_of_its_own():
+    env: Any = Doubled(declaring())
+    env.episode_bounds = {"return": (0, 20)}
+    assert declared_bounds(env) == {"return": (0.0, 20.0)}
+
+
 @pytest.mark.parametrize(
     ("bounds", "words"),
     [
@@ -77,7 +132,7 @@ def test_a_vector_of_single_environments_declares_what_these_do():
         ({"costs": (1.0, float("nan"))}, r"\['costs'\] must be two finite numbers"),
     ],
 )
-def test_bounds_that_are_none_are_refused(bounds: Any, words: str):
+def test_wrong_bounds_are_refused(bounds: Any, words: str):
     with pytest.raises(TrainingError, match=words):
         declared_bounds(walk(bounds))
 
@@ -88,21 +143,24 @@ def test_a_run_records_declared_bounds_says_so_and_resumes(tmp_path: Path, capsy
     run("TD3Lag", walk({"return": (0, 10)}), progress=True, **given)
     recorded = yaml.safe_load((tmp_path / "config.yaml").read_text())["run"]["config"]
     assert (recorded["return_bounds"], recorded["largest_costs"]) == ([0.0, 10.0], [])
-    said = "values are held within return_bounds (0.0, 10.0), which the environment declares; values are held within"
-    assert f"{said} learnt bounds, as largest_costs is not given" in capsys.readouterr().err
+    said = "Values are kept within return_bounds (0.0, 10.0), which the environment declares. Values are kept near the"
+    assert f"{said} range of costs seen so far" in capsys.readouterr().err
     assert run("TD3Lag", walk({"return": (0, 10)}), **given).already_finished
     with pytest.raises(TrainingError, match="return_bounds"):
         run("TD3Lag", Walk(), **given)
 
 
+NEAR, DEFAULT = "Values are kept near the range of", "seen so far, which is the default;"
+
+
 @pytest.mark.parametrize(
     ("algorithm", "given", "line"),
     [
-        ("TD3Lag", {}, "values are held within learnt bounds, as return_bounds and largest_costs are not given"),
-        ("TD3Lag", {"return_bounds": [0, 10]}, "values are held within learnt bounds, as largest_costs is not given"),
+        ("TD3Lag", {}, f"{NEAR} returns and costs {DEFAULT} return_bounds and largest_costs would fix it."),
+        ("TD3Lag", {"return_bounds": [0, 10]}, f"{NEAR} costs {DEFAULT} largest_costs would fix it."),
         ("TD3Lag", {"return_bounds": [0, 10], "largest_costs": [1.0]}, ""),
         ("TD3Lag", {"bound_targets": False}, ""),
-        ("CCEPETS", {}, "values are held within learnt bounds, as return_bounds is not given"),
+        ("CCEPETS", {}, f"{NEAR} returns {DEFAULT} return_bounds would fix it."),
         ("CCEPETS", {"terminal_value": False}, ""),
         ("PPO", {}, ""),
     ],

@@ -16,11 +16,12 @@ import pytest
 import torch
 import yaml
 
-from tests.train.small_runs import SMALL, STEPS, Stop, StopsAt, numbers, rows_of, small, train
+from tests.train.small_runs import SMALL, SMALL_REPLAY, STEPS, Stop, StopsAt, numbers, rows_of, small, train
 from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, AlgorithmError, LimitWarning, NotFiniteError, Policy
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.train import ResumeWarning, ShortRunWarning, load_policy
+from thalweg.train.folder.checkpoint import load_checkpoint
 
 
 @pytest.fixture(scope="module", params=list(ALGORITHMS))
@@ -249,6 +250,16 @@ def test_the_status_of_a_resumed_run_is_that_of_its_last_checkpoint(tmp_path):
     assert {status["state"] for status in seen} == {"running"}
     assert sorted({status["steps"] for status in seen}) == [128 * k for k in range(STEPS // 128 + 1)]
     assert seen[0]["return_mean"] is None and seen[-1]["return_mean"] < 100  # no NaN, which JSON has not
+
+
+def test_the_status_of_a_run_broken_off_tells_its_steps_its_checkpoint_and_the_time_of_both(tmp_path):
+    """Between two rows of metrics, which this run has none of yet."""
+    with pytest.raises(Stop):
+        train(tmp_path, "TD3Lag", StopsAt(41), config=SMALL_REPLAY | {"steps_per_update": 10_000})
+    status = json.loads((tmp_path / "status.json").read_text())
+    found = load_checkpoint(tmp_path)
+    assert found is not None and (status["state"], status["steps"], status["checkpoint"]) == ("failed", 160, found[0])
+    assert found[0] == 128 and 0.0 < found[1]["seconds"] < status["seconds"]
 
 
 def test_a_loss_that_turns_nan_stops_the_run_and_leaves_the_last_good_checkpoint(tmp_path):

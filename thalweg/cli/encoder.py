@@ -4,9 +4,10 @@ import shlex
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from thalweg.cli.options import NO_FILE, Plugins, River, UsageError, check_file
+from thalweg.cli.encoder_defaults import by_target
+from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, UsageError, check_file
 from thalweg.core.seeds import parse_seeds
 
 
@@ -20,29 +21,29 @@ class EncoderTrain:
     """What is learnt: the image (an autoencoder), what an ideal eye sees of it, or where water is, for `follow`."""
     inputs: Literal["rgb+mask", "rgb", "mask"] = "rgb+mask"
     """Channels that the encoder sees."""
-    latent: int | None = None
-    """Size of a code; 16 of images and 32 of geometry by default."""
+    latent: Annotated[int | None, by_target("latent")] = None
+    """Size of a code."""
     architecture: str = "lean"
     """`lean`, or `paper` for the architecture of the paper, which trains far more slowly."""
-    level: tuple[str, ...] = ()
-    """Level whose river the images show, by default Medium; for geometry and water several, by default all."""
+    level: Annotated[tuple[str, ...], by_target("level")] = ()
+    """Level whose river the images show; for geometry and water several."""
     river: River = NO_FILE
-    world_seeds: tuple[str, ...] = ()
-    """Seeds of rivers, such as 0 5 1000:1016 (1016 excluded); the fixed one, geometry 1000:1022, water 1000:1006."""
-    held_out_seeds: tuple[str, ...] = ()
-    """For geometry and water: seeds of rivers for measurement only; 3000:3006 and 3000:3002 by default."""
-    images: int | None = None
-    """Training images, by default 2000; for geometry and water those of an epoch, by default 4096 and 2048."""
-    held_out: int | None = None
-    """Further images, for measurement only; 200, for geometry 1024 of flights and of starts, for water 384."""
-    epochs: int | None = None
-    """Epochs of training; 100 by default, for geometry 16, for water 12."""
-    views: int | None = None
-    """For geometry only: stored views of each river, of flights; 96 by default."""
+    world_seeds: Annotated[tuple[str, ...], by_target("world_seeds")] = ()
+    """Seeds of rivers, such as 0 5 1000:1016 (1016 excluded); for image, the level's fixed one if none is given."""
+    held_out_seeds: Annotated[tuple[str, ...], by_target("held_out_seeds")] = ()
+    """For geometry and water: seeds of rivers for measurement only."""
+    images: Annotated[int | None, by_target("images")] = None
+    """Training images; for geometry and water those of an epoch."""
+    held_out: Annotated[int | None, by_target("held_out")] = None
+    """Further images, for measurement only; for geometry so many of flights and of starts."""
+    epochs: Annotated[int | None, by_target("epochs")] = None
+    """Epochs of training."""
+    views: Annotated[int | None, by_target("views")] = None
+    """For geometry only: stored views of each river, of flights."""
     rivers_in_memory: int | None = None
     """For geometry only: greatest number of rivers in memory; derived from the free memory by default."""
-    device: str | None = None
-    """For geometry only: where to draw frames and learn: cpu, cuda, cuda:1, or auto; cpu by default."""
+    device: Annotated[str | None, by_target("device")] = None
+    """For geometry only: where to draw frames and learn: cpu, cuda, cuda:1, or auto."""
     seed: int = 0
     """Seed of the poses and of the training."""
 
@@ -67,13 +68,15 @@ class EncoderTrain:
         if len(self.level) > 1:
             raise UsageError(f"--level takes one level for --target image, not {' '.join(self.level)}")
         reach = self.river.reach("--level", self.level, levels_have_banks=True)
+        named = self.level or ((DEFAULT_LEVEL["uav"],) if self.river.banks else ())
+        ground = reach or next(map(self.river.on_banks, named), None)
         result = collect_and_train(
             self.out,
             VAEConfig(inputs=self.inputs, architecture=self.architecture, **self._given("latent")),
-            level=reach or self.river.on_banks(self.level[0] if self.level else "Medium"),
             world_seeds=parse_seeds(self.world_seeds, "--world-seeds", UsageError),
             seed=self.seed,
             command=shlex.join(["thalweg", *sys.argv[1:]]),
+            **({"level": ground} if ground else {}),
             **self._given("images", "held_out", "epochs"),
         )
         held_out = "" if result.held_out_mse is None else f", on held-out images {result.held_out_mse:.5f}"
@@ -127,6 +130,8 @@ class EncoderTrain:
             **seeds,
             **self._given("images", "held_out", "epochs", "views", "rivers_in_memory", "device"),
         ).run()
+        if result.already_finished:
+            print(f"{self.out} was finished before; nothing was trained.")
         print(f"{result.path}, judged on rivers held out, under all looks, by R² of a linear regression on the code:")
         print("\n".join(result.lines))
         return 0

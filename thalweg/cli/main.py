@@ -143,10 +143,13 @@ def _in_words(error: Exception, command: Any) -> str:
 
 
 def _print_any_character() -> None:
-    """Let output whose encoding lacks a character show a question mark in its place, as a pipe's on Windows may."""
-    for stream in (sys.stdout, sys.stderr):
+    """Let output whose encoding lacks a character, as a pipe's on Windows may, show something in its place.
+
+    Results show a question mark; errors show the character's number, since a name in them must stay one that exists.
+    """
+    for stream, errors in ((sys.stdout, "replace"), (sys.stderr, "backslashreplace")):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
+            stream.reconfigure(errors=errors)
 
 
 def _is_closed_pipe(stream: TextIO) -> bool:

@@ -1,12 +1,15 @@
 """Results on the terminal: the paper's table and the details beside it."""
 
+from collections.abc import Sequence
+
+from pandas import DataFrame
 from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Column, Table
 
 from thalweg.bench.report.published import SOURCE
 from thalweg.bench.report.result_tables import detail_table, paper_table
-from thalweg.bench.report.table import is_published
+from thalweg.bench.report.table import PAPER, is_published
 from thalweg.bench.results.results import Results
 
 WIDTH = 120
@@ -34,10 +37,23 @@ def print_tables(console: Console, results: Results, *, detail: bool = True) -> 
         table = Table(*map(_column, text.columns, range(len(text.columns))))
         for row in text.itertuples(index=False, name=None):
             published = is_published(row[0])
-            table.add_row("published *" if published else row[0], *row[1:], style="dim" if published else None)
+            name = row[0].replace(f" ({PAPER})", ", published *")
+            table.add_row(name, *row[1:], style="dim" if published else None)
         if not console.is_terminal:
             whole = Measurement.get(console, console.options.update(max_width=UNLIMITED), table).maximum
             console.width = max(console.width, whole)
         console.print(table)
-    if any(map(is_published, texts[0].iloc[:, 0])):
-        console.print(f"* {SOURCE}: measured in another simulator, on other rivers", highlight=False)
+    for line in _notes(texts):
+        console.print(line, highlight=False, markup=False)
+
+
+def _notes(texts: Sequence[DataFrame]) -> list[str]:
+    """Return what the signs in tables mean, a line for each that is there."""
+    cells = [cell for text in texts for column in text.columns for cell in (column, *text[column])]
+    notes = {
+        "±": "±: standard deviation over episodes",
+        "[": "[ ]: 95 % confidence interval over training seeds",
+        "IQM": "IQM: interquartile mean, the mean without the lowest and the highest quarter of episodes",
+        PAPER: f"*: {SOURCE}, measured in another simulator, on other rivers",
+    }
+    return [note for sign, note in notes.items() if any(sign in cell for cell in cells)]

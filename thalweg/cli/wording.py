@@ -5,6 +5,8 @@ from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Annotated, Any, get_origin
 
+from tyro.conf import Positional, UseAppendAction
+
 EXAMPLES = {
     "jobs": "2",
     "cpus": "1",
@@ -56,8 +58,8 @@ def _fields_of(command: Any) -> Iterator[tuple[str, str]]:
         if is_dataclass(value):
             yield from _fields_of(value)
             continue
-        if get_origin(field.type) is Annotated:  # it is given by its place
-            continue
+        if get_origin(field.type) is Annotated and {Positional, UseAppendAction} & {*field.type.__metadata__}:
+            continue  # it is given by its place, or a value at a time
         default = None if field.default is MISSING or isinstance(field.default, bool) else field.default
         words = default if isinstance(default, tuple) else () if default is None else (default,)
         yield field.name, " ".join(map(str, words)) or EXAMPLES.get(field.name, "")

@@ -4,7 +4,7 @@ EXTRAS = {
     "learn": ("torch", "tensorboard", "rich"),
     "cli": ("tyro", "rich"),
     "plot": ("matplotlib", "pandas", "jinja2"),
-    "film": ("imageio", "imageio_ffmpeg"),
+    "film": ("imageio_ffmpeg",),
     "geo": ("shapely", "pyproj", "gpxpy", "defusedxml"),
     "viewer": ("starlette", "uvicorn", "websockets"),
     "record": ("pyarrow", "minari", "h5py", "pandas", "imageio_ffmpeg"),

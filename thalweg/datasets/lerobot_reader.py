@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from thalweg.core.video import read_video
+from thalweg.core.video import VideoError, read_video
 from thalweg.datasets import lerobot_layout as layout
 from thalweg.datasets.episode import About, RecordedEpisode
 from thalweg.datasets.errors import DatasetError
@@ -28,7 +28,7 @@ def read_lerobot(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
 
     The format has no images after the last step: those before it are repeated there. Raises `DatasetError` for a data
     set that was not recorded by Thalweg or is of another version; so does the iterator for a table, a picture or a
-    video that cannot be read, and for a missing column.
+    video that cannot be read, a missing column, and a video that has not a frame for each row.
     """
     if not (folder / layout.ABOUT).is_file():
         raise DatasetError(f"{folder} is a data set of LeRobot, but was not recorded by Thalweg")
@@ -37,7 +37,7 @@ def read_lerobot(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
         info = json.loads((folder / layout.INFO).read_text(encoding="utf-8"))
         version, form = info["codebase_version"], told["format"]
         common, flights = told["about"], list(told["flights"])
-    except (ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise DatasetError(f"{folder} cannot be read as a data set of LeRobot: {error!r}") from error
     if (version, form) != (layout.CODEBASE_VERSION, layout.FORMAT):
         raise DatasetError(
@@ -81,7 +81,7 @@ def _read_episode(folder: Path, number: int, flight: dict[str, Any], about: Abou
     rgb = pictures(layout.CAMERA)
     if rgb is None:
         video = folder / layout.VIDEO_PATH.format(video_key=layout.CAMERA, **layout.place(number))
-        rgb = _again(np.stack(list(read_video(video))))
+        rgb = _again(_frames_of(video, len(table)))
     depth_shape = rgb.shape[1:3]
     actions = len(layout.ACTION_NAMES)
     return RecordedEpisode(
@@ -102,6 +102,20 @@ def _read_episode(folder: Path, number: int, flight: dict[str, Any], about: Abou
         task=flight["task"],
         options_of_flight=flight["options"],
     )
+
+
+def _frames_of(path: Path, steps: int) -> np.ndarray:
+    """Return the frames [T, H, W, 3] of a video of T steps; raises `DatasetError` for another number of frames.
+
+    Of a damaged video, ffmpeg often reads fewer frames and tells no error.
+    """
+    try:
+        frames = list(read_video(path))
+    except (OSError, VideoError) as error:
+        raise DatasetError(str(error)) from error
+    if len(frames) != steps:
+        raise DatasetError(f"{path} has {len(frames)} frames that can be read, but its flight has {steps} steps")
+    return np.stack(frames)
 
 
 def _again(values: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from thalweg.core.video import write_video
+from thalweg.core.video import VideoError, write_video
 from thalweg.datasets import lerobot_layout as layout
 from thalweg.datasets import lerobot_statistics as statistics
 from thalweg.datasets.episode import About, RecordedEpisode, sentence_of
@@ -33,9 +33,13 @@ WITHOUT_STATISTICS = ("depth", "pilot")
 class LeRobotWriter:
     """Writes flights to a folder that `lerobot.datasets.lerobot_dataset.LeRobotDataset(NAME, root=folder)` reads."""
 
-    def __init__(self, folder: Path, about: About, *, video: bool) -> None:
-        """`folder` is empty. `video`: keep the colours as H.264, which is lossy; else as PNG, which is lossless."""
-        self._folder, self._about, self._video = folder, about, video
+    def __init__(self, folder: Path, about: About, *, video: bool, name: Path) -> None:
+        """Write to `folder`, which is empty.
+
+        `video`: keep the colours as H.264, which is lossy; else as PNG, which is lossless. `name`: folder that errors
+        name, which the draft in `folder` becomes.
+        """
+        self._folder, self._about, self._video, self._name = folder, about, video, name
         self._frames = 0
         """Number of rows so far."""
         self._features: dict[str, dict[str, Any]] = {}
@@ -47,8 +51,8 @@ class LeRobotWriter:
     def add(self, episode: RecordedEpisode) -> None:
         """Write a flight.
 
-        Raises `DatasetError` if it has other actions or another size than those before it, and the errors of
-        `write_video`.
+        Raises `DatasetError` if it has other actions or another size than those before it, or makes no video, and
+        `OSError` for a full disk.
         """
         discrete = episode.options is not None
         features = layout.features_of(self._about, episode.size_px, video=self._video, discrete=discrete)
@@ -60,9 +64,7 @@ class LeRobotWriter:
         columns = self._columns(episode, self._tasks.setdefault(sentence, len(self._tasks)))
         self._write_frames(columns, self._folder / layout.DATA_PATH.format(**place))
         if self._video:
-            path = self._folder / layout.VIDEO_PATH.format(video_key=layout.CAMERA, **place)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_video(path, episode.rgb[:-1], self._about.fps, crf=CRF, key_every=KEY_EVERY)
+            self._write_video(episode.rgb[:-1], layout.VIDEO_PATH.format(video_key=layout.CAMERA, **place))
         self._statistics.append(_statistics_of(columns))
         self._episodes.append(self._row(number, episode.steps, sentence, place))
         self._flights.append({"task": episode.task, "options": episode.options_of_flight} | _end_of(episode))
@@ -123,6 +125,15 @@ class LeRobotWriter:
         arrays = {key: _arrow(columns[key], of) for key, of in self._features.items() if of["dtype"] != "video"}
         path.parent.mkdir(parents=True, exist_ok=True)
         pyarrow.parquet.write_table(pyarrow.table(arrays), path, compression="zstd")
+
+    def _write_video(self, frames: np.ndarray, file: str) -> None:
+        """Write frames [T, H, W, 3] to a file of the folder."""
+        path = self._folder / file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            write_video(path, frames, self._about.fps, crf=CRF, key_every=KEY_EVERY, name=self._name / file)
+        except VideoError as error:
+            raise DatasetError(str(error)) from error
 
     def _row(self, number: int, steps: int, sentence: str, place: dict[str, int]) -> dict[str, Any]:
         """Return the row of an episode in the table of episodes."""

@@ -21,7 +21,11 @@ class Writer(Protocol):
     """Takes flights one after the other."""
 
     def add(self, episode: RecordedEpisode) -> None:
-        """Write a flight; raises `DatasetError` if it has other actions or another size than those before it."""
+        """Write a flight.
+
+        Raises `DatasetError` if it has other actions or another size than those before it, or makes no video, and
+        `OSError` for a full disk.
+        """
         ...
 
 
@@ -40,13 +44,13 @@ def check_recording(path: Path, form: str, *, video: bool) -> None:
 def recording(path: Path, form: Format, about: About, *, video: bool = False) -> Iterator[Writer]:
     """Yield a writer of flights; the folder appears when all of them are written.
 
-    `video`: keep the colours as H.264 instead of lossless frames. Raises the errors of `check_recording`, and
-    `DatasetError` if no flight was added.
+    `video`: keep the colours as H.264 instead of lossless frames. Raises the errors of `check_recording`,
+    `DatasetError` if no flight was added, and `OSError`, which names a file, for a disk that takes no more.
     """
     check_recording(path, form, video=video)
     with new_folder(path) as draft:
         if form == "lerobot":
-            writer = LeRobotWriter(draft, about, video=video)
+            writer = LeRobotWriter(draft, about, video=video, name=path)
         else:
             writer = MinariWriter(draft, path.name, about)
         yield writer
@@ -58,7 +62,8 @@ def recording(path: Path, form: Format, about: About, *, video: bool = False) ->
 def read_recordings(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
     """Return the description of the data set in a folder, and an iterator that reads its flights one after the other.
 
-    Raises `DatasetError` for a folder without a data set, and for one that Thalweg did not record.
+    Raises `DatasetError` for a folder without a data set, and for one that Thalweg did not record; so does the iterator
+    for a flight that cannot be read whole.
     """
     if is_lerobot(folder):
         return read_lerobot(folder)

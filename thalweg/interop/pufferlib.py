@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box
+from gymnasium.vector import VectorEnv
 
 from thalweg.interop.errors import InteropError, not_installed
 from thalweg.interop.vector_envs import vector_env
@@ -45,7 +46,8 @@ class RiverPufferEnv(PufferEnv):  # pyright: ignore[reportGeneralTypeIssues]  # 
             env_id: such as "thalweg/Medium-v0".
             num_envs: N, the number of environments.
             buf: PufferLib's buffers, which its vector environments give; new ones by default.
-            seed: environment i has the seed `seed` + i in the first reset without one; random by default.
+            seed: environment i has the seed `seed` * N + i in the first reset without one; random by default. Instances
+                with the seeds 0, 1, 2, ..., as PufferLib gives them, thus share none.
             encoder: an encoder that comes with the package, or a file: observations are its codes, float32 [N, Z].
             options: those of `gymnasium.make_vec` for the id.
 
@@ -54,23 +56,25 @@ class RiverPufferEnv(PufferEnv):  # pyright: ignore[reportGeneralTypeIssues]  # 
         """
         self.envs = vector_env(env_id, num_envs, encoder, options)
         """The vector environment."""
-        check_same_step(self.envs, type(self).__name__)
-        space = self.envs.single_observation_space
-        if not isinstance(space, Box):
-            raise InteropError(
-                f"a PufferEnv has observations that are one array, not a {type(space).__name__}: choose another"
-                " observation=, or give gymnasium.make's environments to PufferLib's GymnasiumPufferEnv"
-            )
-        self.single_observation_space = space
-        self.single_action_space = self.envs.single_action_space
-        self.num_agents = num_envs
         self._seed = seed
         self._sums = np.zeros((3, num_envs))  # return, length and cost of the episodes that go on
-        super().__init__(buf)
+        try:
+            check_same_step(self.envs, type(self).__name__)
+            self.single_observation_space = _array_space(self.envs)
+            self.single_action_space = self.envs.single_action_space
+            self.num_agents = num_envs
+            super().__init__(buf)
+        except BaseException:
+            self.envs.close()
+            raise
 
     def reset(self, seed: int | None = None) -> tuple[np.ndarray, list[dict[str, float]]]:
-        """Begin new episodes; returns observations [N, ...], which are the buffer, and an empty list."""
-        obs, _ = self.envs.reset(seed=self._seed if seed is None else seed)
+        """Begin new episodes, environment i with the seed `seed` * N + i if one is given.
+
+        Returns observations [N, ...], which are the buffer, and an empty list.
+        """
+        seed = self._seed if seed is None else seed
+        obs, _ = self.envs.reset(seed=None if seed is None else seed * self.num_agents)
         self._seed = None
         self._sums[:] = 0
         self.observations[:] = obs
@@ -100,3 +104,14 @@ class RiverPufferEnv(PufferEnv):  # pyright: ignore[reportGeneralTypeIssues]  # 
     def close(self) -> None:
         """Close the environments."""
         self.envs.close()
+
+
+def _array_space(envs: VectorEnv) -> Box:
+    """Return the space of an observation; raises `InteropError` for observations that are not one array."""
+    space = envs.single_observation_space
+    if not isinstance(space, Box):
+        raise InteropError(
+            f"a PufferEnv has observations that are one array, not a {type(space).__name__}: choose another"
+            " observation=, or give gymnasium.make's environments to PufferLib's GymnasiumPufferEnv"
+        )
+    return space

@@ -18,4 +18,9 @@ def vector_env(env_id: str, num_envs: int, encoder: str | Path | None, options: 
     from thalweg.train.river import load_compatible_encoder
 
     loaded = load_compatible_encoder(encoder)
-    return LatentVectorEnv(gymnasium.make_vec(env_id, num_envs=num_envs, **options), loaded)
+    envs = gymnasium.make_vec(env_id, num_envs=num_envs, **options)
+    try:
+        return LatentVectorEnv(envs, loaded)
+    except BaseException:
+        envs.close()
+        raise

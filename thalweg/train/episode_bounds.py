@@ -4,11 +4,12 @@ Rivers declare none: the results that come with the package were made with learn
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from gymnasium.vector import SyncVectorEnv
+import gymnasium
+from gymnasium.vector import SyncVectorEnv, VectorRewardWrapper, VectorWrapper
 
 from thalweg.train.errors import TrainingError
 
@@ -16,15 +17,33 @@ ATTRIBUTE = "episode_bounds"
 RETURN, COST, COSTS = "return", "cost", "costs"
 """Keys of `episode_bounds`: two numbers, the smallest and the largest discounted return from any step on; the largest
 discounted cost from any step on; and the largest of the kinds that two limits apply to, tight and loose."""
+KEYS = frozenset((RETURN, COST, COSTS))
+REWARD_WRAPPERS = (
+    gymnasium.RewardWrapper,
+    VectorRewardWrapper,
+    gymnasium.wrappers.NormalizeReward,
+    gymnasium.wrappers.vector.NormalizeReward,
+)
+"""Gymnasium's wrappers that change rewards."""
+SEVERAL_STEPS = (
+    gymnasium.wrappers.RepeatAction,
+    gymnasium.wrappers.MaxAndSkipObservation,
+    gymnasium.wrappers.AtariPreprocessing,
+)
+"""Gymnasium's wrappers that take several steps as one, so that less is discounted."""
+OWN_STEP = ("gymnasium", "thalweg")
+"""Packages whose other wrappers change no rewards and no costs."""
 BOUNDS = ("return_bounds", "largest_costs")
 """Settings of algorithms that hold values within what an episode can pay and cost."""
+WHAT = {"return_bounds": "returns", "largest_costs": "costs"}
+"""What the values of each setting are of."""
 
 
 def with_declared_bounds(config: Any, env: Any) -> Any:
     """Return the config of an algorithm with the bounds that an environment declares, where it has settings for them
     that are not given.
 
-    Raises `TrainingError` for bounds that are none.
+    Raises `TrainingError` for bounds of the wrong kind or order.
     """
     declared = declared_bounds(env)
     limits = len(getattr(config, "limits", ()))
@@ -37,25 +56,56 @@ def with_declared_bounds(config: Any, env: Any) -> Any:
 
 
 def declared_bounds(env: Any) -> dict[str, tuple[float, ...]]:
-    """Return the bounds that an environment declares, by their keys; none without `episode_bounds`.
+    """Return the bounds that an environment declares, by their keys; an empty dictionary without `episode_bounds`.
 
-    A `SyncVectorEnv` declares what its environments do. Raises `TrainingError` for bounds that are none.
+    The declaration is that of the outermost layer which has one; a `SyncVectorEnv` declares what its environments do.
+    Bounds of what a wrapper around that layer may change are left out, see `_kept`. Raises `TrainingError` for bounds
+    of the wrong kind or order.
     """
-    base = getattr(env, "unwrapped", env)
-    declared = getattr(env, ATTRIBUTE, getattr(base, ATTRIBUTE, None))
-    if declared is None and isinstance(base, SyncVectorEnv) and base.envs[0].has_wrapper_attr(ATTRIBUTE):
-        declared = base.envs[0].get_wrapper_attr(ATTRIBUTE)
+    declared, kept = None, KEYS
+    for layer in _layers(env):
+        if (declared := getattr(layer, ATTRIBUTE, None)) is not None:
+            break
+        kept = kept & _kept(layer)
     if declared is None:
         return {}
-    if not isinstance(declared, Mapping) or not {*declared} <= {RETURN, COST, COSTS}:
+    if not isinstance(declared, Mapping) or not {*declared} <= KEYS:
         raise TrainingError(
             f"{ATTRIBUTE} must be a mapping with some of the keys {RETURN!r}, {COST!r} and {COSTS!r}, got {declared!r}"
         )
-    return {key: _checked(key, value) for key, value in declared.items()}
+    checked = {key: _checked(key, value) for key, value in declared.items()}
+    return {key: numbers for key, numbers in checked.items() if key in kept}
+
+
+def _layers(env: Any) -> Iterator[Any]:
+    """Yield an environment and what it wraps, from the outside in, single environments of a vector included."""
+    while True:
+        yield env
+        if isinstance(env, gymnasium.Wrapper | VectorWrapper):
+            env = env.env
+        elif isinstance(env, SyncVectorEnv):
+            env = env.envs[0]
+        elif (base := getattr(env, "unwrapped", env)) is not env:
+            env = base
+        else:
+            return
+
+
+def _kept(layer: Any) -> frozenset[str]:
+    """Return the keys of the bounds that still hold around a layer.
+
+    Wrappers that change rewards keep those of costs; others of Gymnasium and of this package keep all, but for those
+    that take several steps as one. Of a wrapper from elsewhere with a `step` of its own nothing is known.
+    """
+    if isinstance(layer, REWARD_WRAPPERS):
+        return KEYS - {RETURN}
+    stepped = next((kind for kind in type(layer).__mro__ if "step" in vars(kind)), object)
+    known = stepped.__module__.partition(".")[0] in OWN_STEP
+    return KEYS if known and not isinstance(layer, SEVERAL_STEPS) else frozenset()
 
 
 def _checked(key: str, value: Any) -> tuple[float, ...]:
-    """Return the numbers of a declared bound; raises `TrainingError` if they are none."""
+    """Return the numbers of a declared bound; raises `TrainingError` for others than its key has."""
     try:
         numbers = (float(value),) if key == COST else tuple(map(float, value))
     except (TypeError, ValueError):
@@ -73,7 +123,7 @@ def _checked(key: str, value: Any) -> tuple[float, ...]:
 
 
 def bounds_in_words(config: Any, given: Any) -> str:
-    """Return a line that names the bounds of values which a config leaves to be learnt, or has from the environment;
+    """Return a sentence about the bounds of values which a config leaves to be learnt, or has from the environment;
     empty if there are none.
 
     `given` is the config without what the environment declares.
@@ -83,8 +133,11 @@ def bounds_in_words(config: Any, given: Any) -> str:
     known = [name for name in BOUNDS if hasattr(config, name)]
     declared = [f"{name} {getattr(config, name)}" for name in known if getattr(config, name) != getattr(given, name)]
     missing = [name for name in known if not getattr(config, name)]
-    lines = [f"values are held within {' and '.join(declared)}, which the environment declares"] if declared else []
+    lines = [f"Values are kept within {' and '.join(declared)}, which the environment declares."] if declared else []
     if missing:
-        verb = "are" if len(missing) > 1 else "is"
-        lines.append(f"values are held within learnt bounds, as {' and '.join(missing)} {verb} not given")
-    return "; ".join(lines)
+        what = " and ".join(WHAT[name] for name in missing)
+        lines.append(
+            f"Values are kept near the range of {what} seen so far, which is the default; {' and '.join(missing)}"
+            " would fix it."
+        )
+    return " ".join(lines)

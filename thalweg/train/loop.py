@@ -2,10 +2,10 @@
 
 import time
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
 from thalweg.train.folder import run_record
-from thalweg.train.folder.checkpoint import save_checkpoint
+from thalweg.train.folder.checkpoint import newest_step, save_checkpoint
 from thalweg.train.folder.loggers import RunLog
 from thalweg.train.folder.progress_bar import ProgressBar
 from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics
@@ -52,6 +52,7 @@ class StatusFile:
             "state": state,
             "algorithm": self.algorithm,
             "steps": trainer.statistics.steps,
+            "checkpoint": newest_step(self.folder),
             "episodes": trainer.statistics.count,
             "return_mean": metrics["return_mean_50"],
             "cost_mean": metrics["cost_mean_50"],
@@ -66,22 +67,35 @@ class StatusFile:
 
 
 class StageClock:
-    """Measures how the time between two updates is spent."""
+    """Measures how the time between two updates is spent; the run's own is counted also when it is interrupted."""
 
     def __init__(self, trainer: AnyTrainer) -> None:
         self.trainer = trainer
         self._time, self._steps = time.perf_counter(), trainer.statistics.steps
+        self._counted = self._time
         self._stages = dict(trainer.stages)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.count()
+
+    def count(self) -> float:
+        """Add the time since the last call to that of the run; returns the clock's time in seconds."""
+        now = time.perf_counter()
+        self.trainer.seconds += now - self._counted
+        self._counted = now
+        return now
 
     def lap(self) -> dict[str, float]:
         """Return steps per second and seconds of each stage since the last lap.
 
-        `time_other` is for files, bookkeeping and checkpoints. The time is added to that of the run.
+        `time_other` is for files, bookkeeping and checkpoints. The time is counted.
         """
-        now, stages = time.perf_counter(), dict(self.trainer.stages)
+        now, stages = self.count(), dict(self.trainer.stages)
         wall, steps = now - self._time, self.trainer.statistics.steps - self._steps
         spent = {f"time_{name}": stages[name] - self._stages[name] for name in stages}
-        self.trainer.seconds += wall
         self._time, self._steps, self._stages = now, self.trainer.statistics.steps, stages
         other = wall - sum(spent.values())
         return {"steps_per_second": steps / wall, **spent, "time_other": other, "seconds": self.trainer.seconds}
@@ -99,23 +113,29 @@ def training_loop(
 
     `identity` says which run a checkpoint belongs to; `checkpoint_seconds` is the least time between two of them.
     """
-    clock = StageClock(trainer)
     saved_at, pause = float("-inf"), checkpoint_seconds
-    while not trainer.done:
-        for episode in trainer.step():
-            log.episode(episode)
-        bar.show(trainer)
-        if not trainer.ready:
-            continue
+    with StageClock(trainer) as clock:
+        while not trainer.done:
+            for episode in trainer.step():
+                log.episode(episode)
+            bar.show(trainer)
+            if not trainer.ready:
+                continue
+            _update(trainer, log, bar, clock)
+            before = clock.count()
+            if trainer.done or before - saved_at >= pause:
+                state = trainer.state() | {"identity": identity, "bytes": log.sync()}
+                save_checkpoint(status.folder, trainer.statistics.steps, state)
+                status.write("running")
+                saved_at = time.perf_counter()
+                pause = max(checkpoint_seconds, CHECKPOINT_SHARE * (saved_at - before)) if checkpoint_seconds else 0.0
+
+
+def _update(trainer: AnyTrainer, log: RunLog, bar: ProgressBar, clock: StageClock) -> None:
+    """Take an update, and log a row if it has metrics."""
+    with bar.learning():
         metrics = trainer.update()
-        statistics = trainer.statistics
-        if metrics:
-            row = {"steps": statistics.steps, "update": trainer.updates} | statistics.metrics() | metrics
-            log.update(statistics.steps, row | clock.lap())
-        before = time.perf_counter()
-        if trainer.done or before - saved_at >= pause:
-            state = trainer.state() | {"identity": identity, "bytes": log.sync()}
-            save_checkpoint(status.folder, statistics.steps, state)
-            status.write("running")
-            saved_at = time.perf_counter()
-            pause = max(checkpoint_seconds, CHECKPOINT_SHARE * (saved_at - before)) if checkpoint_seconds else 0.0
+    statistics = trainer.statistics
+    if metrics:
+        row = {"steps": statistics.steps, "update": trainer.updates} | statistics.metrics() | metrics
+        log.update(statistics.steps, row | clock.lap())

@@ -115,4 +115,4 @@ class Trainer:
         for code, sentence in found.items():
             if code not in self.warned:
                 self.warned[code] = sentence
-                warnings.warn(sentence, LimitWarning, stacklevel=4)
+                warnings.warn(sentence, LimitWarning, stacklevel=5)

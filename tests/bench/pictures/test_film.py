@@ -2,8 +2,9 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-import imageio.v2 as imageio
+import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image
@@ -27,6 +28,7 @@ from thalweg.bench.pictures.film import (
     write_film,
 )
 from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX, SMALL, FilmFormat
+from thalweg.core.video import read_video
 from thalweg.env import sample_starts
 from thalweg.render import Camera
 from thalweg.world import World
@@ -116,11 +118,10 @@ def test_a_film_has_a_frame_for_each_shown_step_and_holds_the_last(
     write_film(
         path, easy_world, flight, "pilot", shape=shape, camera=Camera(32, 32), on_frame=lambda: drawn.append(None)
     )
-    with imageio.get_reader(path) as reader:
-        frames = list(reader.iter_data())  # pyright: ignore
-        codec = reader.get_meta_data()["codec"]  # pyright: ignore
+    about: Any = next(imageio_ffmpeg.read_frames(str(path)))
+    frames = list(read_video(path))
     assert (len(drawn), len(frames)) == (shown, shown + round(HOLD_S * FRAMES_PER_S))
-    assert codec == "h264"
+    assert about["codec"] == "h264"
     assert frames[0].shape == (shape.size_px[1], shape.size_px[0], 3)
     assert np.abs(frames[shown - 1].astype(int) - frames[-1]).mean() < 2
     assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 2

@@ -4,7 +4,6 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import imageio
 import numpy as np
 import pytest
 
@@ -12,6 +11,7 @@ from tests.bench.versioned import record_current_versions
 from tests.browser import Browser
 from thalweg.bench.report.report import write_report
 from thalweg.bench.report.table import PAPER
+from thalweg.core.video import write_video
 
 pytestmark = pytest.mark.browser
 HERE = Path(__file__).parent
@@ -36,7 +36,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / "evaluation" / f"{run}-Easy.csv").write_text(rows)
     (folder / "films").mkdir()
     for name in ("film", "films/PPO-best", "films/P3O-best"):
-        imageio.mimwrite(folder / f"{name}.mp4", [np.full((256, 384, 3), 99, np.uint8)] * 4, fps=4)
+        write_video(folder / f"{name}.mp4", [np.full((256, 384, 3), 99, np.uint8)] * 4, fps=4, crf=18)
         (folder / f"{name}.txt").write_text("The best of all flights there.\n")
     record_current_versions(folder, seeds=12)
     return write_report(folder).page

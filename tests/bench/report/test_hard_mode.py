@@ -35,13 +35,11 @@ def test_the_bars_name_it(hard: Results):
 
 def test_the_tables_count_it(hard: Results):
     rows = list(csv.DictReader(paper_table(hard).csv.splitlines()))
-    counts = {row["level"]: row[FIRST_COST] for row in rows if row["algorithm"] == "PPO" and row["source"] == "thalweg"}
+    counts = {row["level"]: row[FIRST_COST] for row in rows if row["policy"] == "PPO" and row["source"] == "thalweg"}
     assert counts == {"Easy": "0", "Medium": "1"}
     details = detail_table(hard)
     assert "ended by a cost" in details.text.columns
-    shares = [
-        float(row["cost_incurred"]) for row in csv.DictReader(details.csv.splitlines()) if row["algorithm"] == "PPO"
-    ]
+    shares = [float(row["cost_incurred"]) for row in csv.DictReader(details.csv.splitlines()) if row["policy"] == "PPO"]
     assert shares == [0.0, 0.5]
 
 

@@ -158,9 +158,7 @@ def test_gaps_stand_in_every_table(tiny_results: Path):
     ]
     table = list(csv.DictReader(paper_table(results).csv.splitlines()))
     ours = [
-        (row["algorithm"], row["level"], row["seeds"], row["planned_seeds"])
-        for row in table
-        if row["source"] == "thalweg"
+        (row["policy"], row["level"], row["seeds"], row["planned_seeds"]) for row in table if row["source"] == "thalweg"
     ]
     assert ours[-2:] == [("FOCOPS", "Easy", "0", "1"), ("FOCOPS", "Medium", "0", "1")]
     assert ours[2] == ("PPO", "Easy", "1", "2")
@@ -170,7 +168,7 @@ def test_the_details_as_csv_hold_values_computed_by_hand_at_full_precision(tiny_
     medium = tiny_results / "evaluation" / "PPO-0-Medium.csv"
     medium.write_text(medium.read_text().replace("0.0,1.0,1.0,1.0", "0.0,1.123456789012345,1.0,1.0"))
     rows = list(csv.DictReader(detail_table(read_results(tiny_results)).csv.splitlines()))
-    assert [(row["algorithm"], row["level"], row["seeds"], row["planned_seeds"]) for row in rows] == [
+    assert [(row["policy"], row["level"], row["seeds"], row["planned_seeds"]) for row in rows] == [
         ("hover", "Easy", "1", "1"),
         ("hover", "Medium", "0", "1"),
         ("PPO", "Easy", "1", "2"),

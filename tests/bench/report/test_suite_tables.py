@@ -98,8 +98,8 @@ def test_tables_of_policies_say_last_what_critics_see(results: Results):
         "FOCOPS (paper, another simulator)": same, "P3O": same, "P3O (paper, another simulator)": same,
     }  # fmt: skip
     figures = paper.figures
-    assert figures.columns[-1] == "critics_see"
-    assert figures.loc[figures["algorithm"] == "PPO", ["source", "critics_see"]].to_numpy().tolist() == [
+    assert figures.columns[-1] == "critics see"
+    assert figures.loc[figures["policy"] == "PPO", ["source", "critics see"]].to_numpy().tolist() == [
         ["thalweg", more],
         [PAPER, same],
     ]

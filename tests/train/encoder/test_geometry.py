@@ -1,13 +1,18 @@
 """Training of an encoder of geometry on rivers: its views, what is true of them, and what a run writes and refuses."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from thalweg.cli.main import main
+from thalweg.core.compute import device
 from thalweg.encoder import EncoderFileError, EncoderInputError, load_encoder
+from thalweg.encoder.geometry import GeometryNetwork
+from thalweg.encoder.geometry_training import write_geometry
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.privileged_state import privileged_state
 from thalweg.env.rivers.river_list import RiverList
@@ -101,19 +106,68 @@ def test_a_run_writes_an_encoder_and_what_is_read_from_its_codes(tmp_path: Path)
         run(tmp_path, passes=2).run()
 
 
-def test_a_finished_run_is_read_and_nothing_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    scores = {("geometry", kind): np.linspace(0, 1, len(TARGETS)) for kind in ("flights", "starts")}
-    scores["default", "starts"] = np.full(len(TARGETS), np.nan)
-    (tmp_path / "encoder.safetensors").touch()
-    (tmp_path / "probe.csv").write_text(probe_table(scores))
+SCORES = {("geometry", kind): np.linspace(0, 1, len(TARGETS)) for kind in ("flights", "starts")} | {
+    ("default", "starts"): np.full(len(TARGETS), np.nan)
+}
+
+
+@pytest.fixture
+def finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of a finished training without its checkpoint, where nothing can be drawn."""
+    training = run(tmp_path)
+    write_geometry(tmp_path / "encoder.safetensors", GeometryNetwork(training.config), training._about)
+    (tmp_path / "probe.csv").write_text(probe_table(SCORES))
     monkeypatch.setattr(GeometryTraining, "drawn", None)
-    found = run(tmp_path).run().scores
-    assert list(found) == list(scores)
-    for key, wanted in scores.items():
-        np.testing.assert_allclose(found[key], wanted, atol=5e-5)
-    (tmp_path / "probe.csv").write_text("encoder,views\ngeometry,flights\n")
+    return tmp_path
+
+
+def test_a_finished_run_is_read_and_nothing_is_drawn(finished: Path):
+    result = run(finished).run()
+    assert result.already_finished and list(result.scores) == list(SCORES)
+    for key, wanted in SCORES.items():
+        np.testing.assert_allclose(result.scores[key], wanted, atol=5e-5)
+
+
+def test_a_finished_run_needs_no_device(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(device, "cuda_unavailable_reason", lambda index=0: "no GPU here")
+    assert run(finished, device="cuda").run().already_finished
+    with pytest.raises(device.DeviceError, match="no GPU here"):
+        run(tmp_path / "new", device="cuda").run()
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"passes": 2}, "passes is 1 there and 2 here"),
+        ({"seed": 7}, "seed is 0 there and 7 here"),
+        ({"config": geometry_config(hidden=8, latent=5, batch=8)}, "config.latent is 4 there and 5 here"),
+    ],
+)
+def test_a_finished_folder_without_its_checkpoint_is_refused_for_other_settings(
+    options: dict[str, Any], told: str, finished: Path
+):
+    with pytest.raises(EncoderFileError, match=f"belongs to another geometry encoder training: {told}"):
+        replace(run(finished), **options).run()
+
+
+def test_damaged_files_of_a_finished_run_are_named(finished: Path):
+    (finished / "probe.csv").write_text("encoder,views\ngeometry,flights\n")
     with pytest.raises(EncoderFileError, match=r"probe\.csv: not the table of a training of geometry"):
-        run(tmp_path).run()
+        run(finished).run()
+    (finished / "encoder.safetensors").write_bytes(b"")
+    with pytest.raises(EncoderFileError, match=r"encoder\.safetensors: truncated, damaged or not a safetensors file"):
+        run(finished).run()
+
+
+def test_the_command_says_that_a_run_was_finished_before(finished: Path, capsys: pytest.CaptureFixture):
+    training = run(finished, views=96, images=4096, passes=4, held_out=1024, epochs=16)
+    training = replace(training, config=geometry_config())
+    write_geometry(finished / "encoder.safetensors", GeometryNetwork(training.config), training._about)
+    given = ["--level", "Easy", "--world-seeds", "1", "--held-out-seeds", "2", "--out", str(finished)]
+    assert main(["encoder", "train", "--target", "geometry", *given]) == 0
+    out = capsys.readouterr().out
+    assert f"{finished} was finished before; nothing was trained." in out.splitlines()
+    assert f"{finished / 'encoder.safetensors'}, judged on rivers held out" in out
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import pytest
 
 from thalweg.cli.main import main
 from thalweg.encoder import EncoderFileError, EncoderInputError
+from thalweg.encoder.files import read_tensors, write_tensors
 from thalweg.encoder.water import load_segmenter
 from thalweg.train.encoder import water
 from thalweg.train.encoder.water import WaterTraining, varied
@@ -82,6 +83,18 @@ def test_a_finished_training_is_read_and_nothing_is_drawn(lost: bool, tmp_path: 
     assert drawn == [] and again.iou == first.iou
     assert again.already_finished is not lost and again.path.read_bytes() == content
     assert lost or again.path.stat().st_mtime_ns == time
+
+
+def test_a_checkpoint_whose_last_epoch_has_no_measurement_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drawn: list[int]
+):
+    training(tmp_path / "run").run(progress=False)
+    path = tmp_path / "run" / "checkpoint.safetensors"
+    tensors, about = read_tensors(path, water.KIND)
+    about["rows"][-1]["held_out_iou"] = None
+    write_tensors(path, tensors, about)
+    with pytest.raises(EncoderFileError, match=r"checkpoint\.safetensors: its last epoch has no held_out_iou"):
+        training(tmp_path / "run").run(progress=False)
 
 
 def test_the_command_trains_and_says_from_where_it_resumes(

@@ -66,8 +66,7 @@ def with_critics(table: Callable[[Results], Table]) -> Callable[[Results], Table
     """Return a function that computes a table of policies, named in its column `policy`, with a last column
     `critics see`.
 
-    Of the figures, the policies are in the column `algorithm`, or in `policy`. Results without a trained policy have no
-    such column. Critics of the published policies see what these do.
+    Results without a trained policy have no such column. Critics of the published policies see what these do.
     """
 
     def with_column(results: Results) -> Table:
@@ -78,11 +77,10 @@ def with_critics(table: Callable[[Results], Table]) -> Callable[[Results], Table
         text[CRITICS_SEE] = [
             SEEN_BY_CRITICS[False] if is_published(name) else results.critics_see(name) for name in text["policy"]
         ]
-        in_code = "algorithm" in figures
         published = figures["source"].map(is_published) if "source" in figures else [False] * len(figures)
-        named = zip(figures["algorithm" if in_code else "policy"], published, strict=True)
-        figures["critics_see" if in_code else CRITICS_SEE] = [
-            SEEN_BY_CRITICS[False] if other else results.critics_see(name) for name, other in named
+        figures[CRITICS_SEE] = [
+            SEEN_BY_CRITICS[False] if other else results.critics_see(name)
+            for name, other in zip(figures["policy"], published, strict=True)
         ]
         return Table(text, figures)
 

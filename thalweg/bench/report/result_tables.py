@@ -15,7 +15,7 @@ from thalweg.bench.suite.record import has_papers_rules
 UNPUBLISHED = "not published"
 """Text where the paper gives no figure for a level on which it has others."""
 STATISTICS = ("return_mean", "return_std", "cost_mean", "cost_std", "success", "tight", "loose", "length_mean")
-PAPER_FIGURES = ("source", "algorithm", "level", "episodes", "seeds", "planned_seeds", *STATISTICS)
+PAPER_FIGURES = ("source", "policy", "level", "episodes", "seeds", "planned_seeds", *STATISTICS)
 """Columns of the figures, before a count for each of the `Results.reasons`."""
 PAPER_EPISODES, PAPER_SEEDS = 60, 3
 """Episodes and seeds of each published figure."""
@@ -112,7 +112,7 @@ def detail_table(results: Results) -> Table:
     shown = {heading: each for heading, each in DETAILS.items() if results.hard or heading not in HARD_DETAILS}
     columns = ["policy", "level", "episodes", "seeds", *shown, "course flown", "steps"]
     named = [f"{name}{end}" for name, _ in shown.values() for end in ("", "_low", "_high")]
-    counted = ["algorithm", "level", "episodes", "seeds", "planned_seeds", *named, "progress_mean", "length_mean"]
+    counted = ["policy", "level", "episodes", "seeds", "planned_seeds", *named, "progress_mean", "length_mean"]
     texts, figures = [], []
     for algorithm, level in product(results.policies, results.levels):
         cell, planned = by_policy_and_level.get((algorithm, level)), results.planned_seeds(algorithm)

@@ -16,10 +16,11 @@ import numpy as np
 
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.compute.device import resolve_device
+from thalweg.core.config import to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, EncoderInputError, load_encoder
 from thalweg.encoder.checkpoint import check_folder
-from thalweg.encoder.files import FILE, EncoderFileError
+from thalweg.encoder.files import FILE, EncoderFileError, load_model
 from thalweg.encoder.geometry import GeometryConfig, Scale
 from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, Labelled, train_geometry, write_geometry
 from thalweg.encoder.linear_probe import probe_r_squared
@@ -87,17 +88,18 @@ class GeometryTraining:
     """Command, which is stored in the encoder's file."""
 
     def run(self, *, progress: bool = True) -> "GeometryResult":
-        """Train and measure, or resume the training in the folder; a finished one is read, and nothing is drawn.
+        """Train and measure, or resume the training in the folder; a finished one is read, and nothing is drawn,
+        so that it needs no device.
 
-        Raises `EncoderInputError` for settings out of range, `EncoderFileError` for the folder of another training and
-        `WorldError` for an unknown level, before anything is drawn.
+        Raises `EncoderInputError` for settings out of range, `EncoderFileError` for the folder of another training,
+        `WorldError` for an unknown level and `DeviceError`, before anything is drawn.
         """
         self._check()
-        device = resolve_device(self.device)
-        check_folder(self.folder, GEOMETRY_FOLDER, {**self._identity, "epochs": self.epochs, "seed": self.seed})
         path, table = self.folder / FILE, self.folder / PROBE
+        self._check_folder(path)
         if path.is_file() and table.is_file():
-            return GeometryResult(path, read_probe(table))
+            return GeometryResult(path, read_probe(table), already_finished=True)
+        device = resolve_device(self.device)
         compilation.begin()
         with ThreadPoolExecutor(1, "thalweg-held-out") as worker:  # loading rivers takes one core each
             judged = worker.submit(self._judged)
@@ -127,7 +129,7 @@ class GeometryTraining:
         }
         write_geometry(path, network, {**self._about, "r_squared": _as_data(scores)})
         write_atomic(table, probe_table(scores))
-        return GeometryResult(path, scores)
+        return GeometryResult(path, scores, already_finished=False)
 
     def _check(self) -> None:
         """Raise an error for settings that don't fit."""
@@ -144,6 +146,14 @@ class GeometryTraining:
                 raise EncoderInputError(f"{name} must be at least {least}, not {value}")
         if self.seed < 0:
             raise EncoderInputError(f"seed must be 0 or more, not {self.seed}")
+
+    def _check_folder(self, path: Path) -> None:
+        """Raise `EncoderFileError` for the folder of another training, by its checkpoint and by the encoder's file."""
+        run = {**self._identity, "epochs": self.epochs, "seed": self.seed, "config": to_plain(self.config)}
+        check_folder(self.folder, GEOMETRY_FOLDER, run)
+        if path.is_file():  # finished folders are also kept without their checkpoint
+            _, recorded = load_model(path)
+            GEOMETRY_FOLDER.require_same(self.folder, {key: recorded[key] for key in run if key in recorded}, run)
 
     @cached_property
     def seeds(self) -> tuple[int, ...]:
@@ -252,6 +262,8 @@ class GeometryResult:
     """The encoder's file."""
     scores: dict[tuple[str, str], np.ndarray]
     """R² [T] of linear probes by encoder, `geometry` or the package's `default`, and kind of views."""
+    already_finished: bool
+    """Whether the training was finished before, so that nothing was trained."""
 
     @property
     def lines(self) -> list[str]:

@@ -75,7 +75,7 @@ class WaterTraining:
         finished = len(rows) == self.epochs and path.is_file()
         if len(rows) < self.epochs:
             self._learn(state, rows, progress)
-        iou = float(rows[-1]["held_out_iou"] or 0.0)
+        iou = self._iou_of(rows[-1])
         if not finished:
             about = {"run": run, "held_out_iou": iou, "render_version": RENDER_VERSION, "command": self.command}
             about |= {"thalweg": package_version("thalweg"), "torch": torch.__version__}
@@ -112,6 +112,15 @@ class WaterTraining:
                 state.save(self.folder / CHECKPOINT, rows)
                 write_rows(self.folder / "metrics.csv", COLUMNS, rows)
                 bar.update(task, advance=1, note=f"IoU held out {rows[-1]['held_out_iou']:.3f}")
+
+    def _iou_of(self, row: Row) -> float:
+        """Return the IoU held out of an epoch; raises `EncoderFileError` for a row of a damaged checkpoint."""
+        iou = row.get("held_out_iou")
+        if iou is None:
+            raise EncoderFileError(
+                f"{self.folder / CHECKPOINT}: its last epoch has no held_out_iou; train in a new folder"
+            )
+        return iou
 
     def _identity(self) -> dict[str, Any]:
         """Return what distinguishes the training from others."""

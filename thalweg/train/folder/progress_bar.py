@@ -1,15 +1,20 @@
 """Progress bar of a run."""
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Protocol, Self
 
-from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, ProgressColumn, Task, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
+from rich.text import Text
 
 from thalweg.train.rollouts.episodes import EpisodeStatistics
 
 INTERVAL_S = 0.2
 """Least time between two updates of the bar."""
+LONG_S = 2.0
+"""Duration from which an update is told: planners learn for seconds without a step."""
 
 
 class Shown(Protocol):
@@ -23,8 +28,21 @@ class Shown(Protocol):
     def done(self) -> bool: ...
 
 
+class LearningColumn(ProgressColumn):
+    """Column that says how long the current update has taken, once that is `LONG_S`."""
+
+    since: float | None = None
+    """Time at which the update began; None between updates."""
+
+    def render(self, task: Task) -> Text:
+        """Return the text of the column, empty between updates."""
+        seconds = 0.0 if self.since is None else time.perf_counter() - self.since
+        return Text(f"learning for {seconds:.0f} s" if seconds >= LONG_S else "")
+
+
 class ProgressBar:
-    """A progress bar with steps per second and the means of the last episodes; invisible unless `shown`.
+    """A progress bar with steps per second, the means of the last episodes, and the time of a long update; invisible
+    unless `shown`.
 
     The rate is the mean since the first update of the bar, learning included; steps before a resume do not count.
     """
@@ -32,7 +50,8 @@ class ProgressBar:
     def __init__(self, title: str, steps: int, shown: bool) -> None:
         words = "{task.completed:,.0f}/{task.total:,.0f} steps, {task.fields[rate]}{task.fields[means]}"
         columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TextColumn(words))
-        self._bar = Bar(*columns, TimeRemainingColumn())
+        self._learning = LearningColumn()
+        self._bar = Bar(*columns, self._learning, TimeRemainingColumn())
         self._bar.disable = not shown
         self._task = self._bar.add_task(title, total=steps, rate="", means="")
         self._shown_at, self._began_at, self._first_steps = 0.0, 0.0, -1
@@ -50,6 +69,15 @@ class ProgressBar:
         text = f"return {means['return_mean_50']:.2f} cost {means['cost_mean_50']:.2f}"
         self._bar.update(self._task, completed=min(steps, trainer.steps), rate=rate, means=text)
         self._shown_at = now
+
+    @contextmanager
+    def learning(self) -> Iterator[None]:
+        """Say that the learner updates, while the block runs."""
+        self._learning.since = time.perf_counter()
+        try:
+            yield
+        finally:
+            self._learning.since = None
 
     def __enter__(self) -> Self:
         self._bar.start()

@@ -78,7 +78,7 @@ class Observer:
                     on_step()
         if not flight.steps:
             raise ViewerError("nothing has been flown: there is nothing to record")
-        layers = {name: np.stack([each[name] for each in seen]) for name in seen[0]}
+        layers = {name: np.stack([each.pop(name) for each in seen]) for name in tuple(seen[0])}  # frees each in turn
         return _episode(flight, layers, np.stack(felt))
 
 

@@ -1,12 +1,11 @@
 """Tests of the levels as data and of finding them by name."""
 
-import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from thalweg.world import LEVELS, Level, WorldError, build, level_named
+from thalweg.world import LEVELS, WorldError, build, level_named
 from thalweg.world.banks import text_of
 from thalweg.world.levels import on_banks
 from thalweg.world.store.world_cache import cache_path
@@ -57,12 +56,6 @@ def test_a_name_with_banks_is_found_in_any_case():
     assert level_named("medium+Meadow + quay 120-180") == LEVELS["Medium"].with_banks("meadow+quay_120-180")
     assert level_named("Hard+forest") is not None and level_named("Hard+forest") == LEVELS["Hard"]
     assert on_banks("Hard+meadow", "reeds") == "Hard+reeds"
-
-
-def test_a_level_with_banks_survives_json():
-    level = level_named("Easy+reeds+quay_1-2_left")
-    plain = json.loads(json.dumps(asdict(level)))
-    assert Level(**{name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()}) == level
 
 
 def test_unknown_levels_and_banks_in_a_name_are_refused():

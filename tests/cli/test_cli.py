@@ -487,7 +487,7 @@ def test_a_river_on_other_banks_is_drawn_and_saved(tmp_path: Path, brook: Path, 
     out, saved = tmp_path / "map.png", tmp_path / "brook.npz"
     given = ["world", "--river", str(brook), "--width-m", "6", "--banks", "meadow", "quay_20-50_left"]
     assert main([*given, "--out", str(out), "--save", str(saved)]) == 0
-    assert "brook.geojson: banks: meadow+quay_20-50_left" in capsys.readouterr().out
+    assert "brook.geojson: banks: meadow+quay_20-50_left" in capsys.readouterr().err
     assert text_of(World.load(saved).banks) == "meadow+quay_20-50_left"
 
 

@@ -50,24 +50,24 @@ PAIR = ("first", "second", "paper")
 
 def returns_and_costs() -> str:
     """Return the paper's table: every policy on every level, published figures below ours."""
-    return markdown(paper_table(_results(STUDY)).text)
+    return markdown(paper_table(results_of(STUDY)).text)
 
 
 def limits() -> str:
     """Return whether each policy meets the cost limit."""
-    text = limit_table(_results(STUDY)).text
+    text = limit_table(results_of(STUDY)).text
     return markdown(text.drop(columns=["minutes", "steps a second"]))
 
 
 def pairs_with_ppo() -> str:
     """Return the comparison of each other policy with `BASE`, start by start."""
-    text = pairwise_table(_results(STUDY)).text
+    text = pairwise_table(results_of(STUDY)).text
     return markdown(text.loc[text["policy"] == BASE])
 
 
 def pairs_of_open_choices() -> str:
     """Return the comparison of each algorithm's default with its variants, start by start."""
-    results = _results(OPEN)
+    results = results_of(OPEN)
     algorithms = {arm["name"]: arm["algorithm"] for arm in arms_of(results.suite)}
     text = pairwise_table(results).text
     return markdown(text.loc[text["policy"] == text["against"].map(algorithms.get)])
@@ -75,7 +75,7 @@ def pairs_of_open_choices() -> str:
 
 def training_costs() -> str:
     """Return the cost of training in each quarter of the steps."""
-    results = _results(STUDY)
+    results = results_of(STUDY)
     rows = []
     for name in trained_policies(results):
         logs = [log for log in results.training if log.algorithm == name]
@@ -131,7 +131,7 @@ def _quarter(log: TrainingLog) -> np.ndarray:
 
 def conditions() -> str:
     """Return the mean return of each policy under some conditions, on the training level and on real rivers."""
-    results = _results(STUDY)
+    results = results_of(STUDY)
     level = train_level(results)
     every = {"": results.episodes, **results.condition_episodes}
     real = group_episodes(results.condition_episodes.get(REAL, []))
@@ -158,7 +158,7 @@ def _return(rows: Sequence[Episode] | None) -> str:
 
 def open_choices() -> str:
     """Return the results of each variant that the paper leaves open, on the training level."""
-    results = _results(OPEN)
+    results = results_of(OPEN)
     level, groups = train_level(results), group_episodes(results.episodes)
     rows = []
     for name in trained_policies(results):
@@ -196,7 +196,7 @@ def entropies() -> str:
 
 
 @cache
-def _results(folder: Path) -> Results:
+def results_of(folder: Path) -> Results:
     """Read a results folder once for all tables, as of the versions it was made with.
 
     Raises `ResultsError` where a file cannot be used.

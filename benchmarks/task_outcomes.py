@@ -1,0 +1,188 @@
+"""What the runs of a task came to: the policy of each algorithm and limit beside the oracle's front of the same rivers.
+
+Figures are those of reports, which show each policy beside its own limit on the fixed river
+(`thalweg.bench.report.price_tables`). Here an algorithm without a limit stands beside all of them, and the flights of
+unseen rivers beside the front of unseen rivers. Intervals are over seeds.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from thalweg.algos.registry import ALGORITHMS
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.fronts.fronts import FIXED, UNSEEN, front_of, points_of, read_fronts
+from thalweg.bench.report.policies import evaluated_seeds
+from thalweg.bench.report.price_tables import by_seed, costs_of, limit_of, mean_cost, mean_return
+from thalweg.bench.results.front import Front
+from thalweg.bench.results.inference import Estimate
+from thalweg.bench.results.results import Results
+from thalweg.bench.results.risk import share_above
+from thalweg.bench.results.statistics import group_episodes
+from thalweg.bench.suite.priced import LIMITS, suite_of
+from thalweg.bench.suite.record import arms_of
+from thalweg.core import versions
+from thalweg.env.tasks import TaskName
+
+LEVEL = "Medium"
+"""Level of training and of the limits."""
+LIMITLESS = tuple(name for name, entry in ALGORITHMS.items() if not hasattr(entry.configure({}), "cost_limit"))
+"""Algorithms that know no limit."""
+CONDITION = {FIXED: "", UNSEEN: "unseen"}
+"""Conditions in the results, by rivers."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A policy beside a limit and the oracle, on one kind of rivers."""
+
+    task: str
+    algorithm: str
+    limit: float
+    seeds: str
+    """Number of seeds, or `2 of 3` where some are missing."""
+    return_: Estimate
+    cost: Estimate
+    above: Estimate
+    """Share of the flights that cost more than the limit."""
+    regret: Estimate
+    """How much more the oracle returns at the same cost."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether the mean cost is within the limit."""
+        return self.cost.value <= self.limit
+
+
+@dataclass(frozen=True)
+class Study:
+    """What was run of a task."""
+
+    task: str
+    limits: tuple[float, ...]
+    fronts: Mapping[str, Front]
+    """Of the oracle, by rivers."""
+    arms: Mapping[tuple[str, float | None], str]
+    """Names of the policies, by algorithm and limit; None where there is no limit."""
+    results: Results | None
+    """None where nothing was run."""
+    outcomes: Mapping[tuple[str, str, float], Outcome]
+    """By rivers, algorithm and limit, as far as they were flown."""
+
+    @property
+    def algorithms(self) -> list[str]:
+        """Algorithms of the suite, in its order."""
+        return list(dict.fromkeys(algorithm for algorithm, _ in self.arms))
+
+    def outcome(self, rivers: str, algorithm: str, limit: float) -> Outcome | None:
+        """Return the outcome of an algorithm beside a limit; None where it is missing."""
+        return self.outcomes.get((rivers, algorithm, limit))
+
+    def at(self, rivers: str, limit: float) -> list[Outcome]:
+        """Return the outcomes beside a limit, in the order of the suite."""
+        return [each for (where, _, which), each in self.outcomes.items() if (where, which) == (rivers, limit)]
+
+    def limited(self, rivers: str, limit: float | None = None) -> list[Outcome]:
+        """Return the outcomes of policies that were trained with a limit, with any or with one."""
+        return [
+            each
+            for (where, algorithm, which), each in self.outcomes.items()
+            if where == rivers and algorithm not in LIMITLESS and limit in (None, which)
+        ]
+
+    def gap(self, algorithm: str, limit: float) -> str:
+        """Return the reason why an algorithm has no outcome beside a limit, such as `missing`."""
+        name = self.arms.get((algorithm, None)) or self.arms.get((algorithm, limit), "")
+        return "missing" if self.results is None else self.results.gap(name)
+
+    def seeds_done(self, algorithm: str) -> int:
+        """Return how many runs of an algorithm were flown, at all limits together."""
+        if self.results is None:
+            return 0
+        names = self._names(algorithm)
+        return len({(row.algorithm, row.seed) for row in self.results.episodes if row.algorithm in names})
+
+    def seeds_planned(self, algorithm: str) -> int:
+        """Return how many runs of an algorithm the suite asks for, at all limits together."""
+        names = self._names(algorithm)
+        arms = arms_of(suite_record(self.task) if self.results is None else self.results.suite)
+        return sum(len(arm["seeds"]) for arm in arms if arm["name"] in names)
+
+    def _names(self, algorithm: str) -> set[str]:
+        return {name for (which, _), name in self.arms.items() if which == algorithm}
+
+
+def suite_record(task: TaskName | str) -> dict:
+    """Return the record of a task's suite as a results folder has it."""
+    return suite_of(task).as_data()  # pyright: ignore[reportArgumentType]
+
+
+def study_of(task: TaskName | str, results: Results | None) -> Study:
+    """Return what the results of a task's suite have, beside the oracle's fronts that come with the package.
+
+    Raises `ResultsError` for results of other versions of the tasks than the front's, and where there is no front.
+    """
+    limits = LIMITS[task]  # pyright: ignore[reportArgumentType]
+    fronts = {}
+    for rivers in CONDITION:
+        points = points_of(read_fronts(), task, LEVEL, rivers)
+        if not points or any(point.tasks != versions.TASKS for point in points):
+            raise ResultsError(f"fronts.csv has no front of {task} on {rivers} rivers of {LEVEL} with today's tasks")
+        fronts[rivers] = front_of(points)
+    if results is None:
+        arms = {
+            (arm["algorithm"], arm["settings"].get("cost_limit")): arm["name"] for arm in arms_of(suite_record(task))
+        }
+        return Study(task, limits, fronts, arms, None, {})
+    _check_tasks(task, results)
+    arms = {(arm["algorithm"], limit_of(results, arm["name"])): arm["name"] for arm in arms_of(results.suite)}
+    outcomes = {}
+    for rivers, condition in CONDITION.items():
+        flown = group_episodes(results.condition_episodes.get(condition, []) if condition else results.episodes)
+        for (algorithm, own), name in arms.items():
+            episodes = flown.get((name, LEVEL))
+            for limit in limits if own is None else (own,):
+                if episodes:
+                    key = task, algorithm, limit, evaluated_seeds(results, name, episodes)
+                    outcomes[rivers, algorithm, limit] = outcome_of(key, episodes, fronts[rivers])
+    return Study(task, limits, fronts, arms, results, outcomes)
+
+
+def _check_tasks(task: str, results: Results) -> None:
+    """Raise `ResultsError` if runs were made with other tasks than today's."""
+    found = {run: recorded.get("tasks") for run, recorded in results.versions.items()}
+    other = [f"{run} has {version}" for run, version in found.items() if version != versions.TASKS]
+    if other:
+        raise ResultsError(
+            f"{results.folder.name}: runs need tasks {versions.TASKS} of the front of {task}, but {other[0]}"
+        )
+
+
+def outcome_of(key: tuple[str, str, float, str], episodes: Sequence[Episode], front: Front) -> Outcome:
+    """Return the outcome of a policy's episodes; `key` is task, algorithm, limit and seeds."""
+    limit = key[2]
+    return Outcome(
+        *key,
+        by_seed(episodes, mean_return),
+        by_seed(episodes, mean_cost),
+        by_seed(episodes, lambda rows: share_above(costs_of(rows), limit)),
+        by_seed(episodes, lambda rows: front.regret(mean_cost(rows), mean_return(rows))),
+    )
+
+
+def held(study: Study, rivers: str, limit: float) -> list[Outcome]:
+    """Return the outcomes of policies that were trained with a limit and hold it."""
+    return [each for each in study.limited(rivers, limit) if each.holds]
+
+
+def mean_text(value: float) -> str:
+    """Return a mean with as many decimal places as its size needs."""
+    return f"{value:.2f}" if abs(value) < 10 else f"{value:.1f}" if abs(value) < 100 else f"{value:.0f}"
+
+
+def oracle_text(study: Study, rivers: str, limit: float) -> str:
+    """Return the greatest return of the oracle within a limit, which may be below its safest point."""
+    front = study.fronts[rivers]
+    if limit < front.cost[0]:
+        return f"unattainable; {front.return_[0]:.2f} at {mean_text(front.cost[0])}"
+    return f"{float(front.greatest_return(limit)):.2f}"

@@ -1,0 +1,163 @@
+"""The page of findings on tasks: figures of made-up flights that are worked by hand, gaps, and the committed page."""
+
+import importlib
+import io
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from PIL import Image
+
+from tests.bench.report.small_results import flights
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate.conditions import Condition
+from thalweg.bench.fronts.fronts import FrontPoint
+from thalweg.bench.results.results import Results, RunRow
+from thalweg.bench.suite.config import Arm, Suite
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+SCRIPTS = ("task_findings", "task_facts", "task_findings_picture", "task_outcomes", "findings")
+SAFE = FrontPoint("Nests", "Medium", "fixed", 10.0, 50, 6.0, 5.9, 6.1, 0.0, 0.0, 0.0, 1)
+FAST = replace(SAFE, price=0.0, return_=10.0, cost=40.0)
+FRONT = [SAFE, FAST, replace(SAFE, rivers="unseen", cost=10.0), replace(FAST, rivers="unseen")]
+"""On the fixed river the oracle returns 6 at no cost and a point more for a cost of 10; on unseen ones it costs 10."""
+LIMITS = {"FOCOPS-8.2": 8.2, "FOCOPS-23": 23.0, "FOCOPS-49": 49.0, "P3O-49": 49.0, "CPO-23": 23.0}
+SUITE = Suite(
+    "nests",
+    (
+        Arm("PPO"),
+        *(Arm(name.split("-")[0], settings={"cost_limit": limit}, name=name) for name, limit in LIMITS.items()),
+    ),
+    test_levels=("Medium",),
+    baselines=(),
+    packaged=False,
+    task="Nests",
+    conditions=(Condition("unseen", unseen=True),),
+)
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    for name in SCRIPTS:
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    return importlib.import_module("task_findings")
+
+
+@pytest.fixture
+def outcomes(script: ModuleType, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    module = sys.modules["task_outcomes"]
+    monkeypatch.setattr(module, "read_fronts", lambda: FRONT)
+    return module
+
+
+@pytest.fixture
+def results() -> Results:
+    """Two flights of each seed, of which the first costs nothing: PPO with three seeds, FOCOPS at three limits, of
+    which the second has two seeds only, P3O with seeds of different costs, and CPO, which failed."""
+    episodes = [
+        *flights("PPO", 3, 5.0, 80.0),
+        *flights("FOCOPS-8.2", 3, 4.0, 16.0),
+        *flights("FOCOPS-23", 2, 5.0, 50.0),
+        *flights("FOCOPS-49", 3, 5.5, 60.0),
+        *(replace(row, cost=row.seed * row.cost) for row in flights("P3O-49", 3, 4.0, 80.0)),
+    ]
+    unseen = [*flights("FOCOPS-8.2", 3, 4.0, 20.0), *flights("P3O-49", 3, 4.0, 80.0)]
+    runs = [RunRow(f"{name}-{seed}", "train", name, seed, 1000, "finished") for name, seed in
+            dict.fromkeys((row.algorithm, row.seed) for row in episodes)]  # fmt: skip
+    runs += [RunRow(f"CPO-23-{seed}", "train", "CPO-23", seed, 10, "failed", "no memory") for seed in range(3)]
+    return Results(Path(), SUITE.as_data(), runs, episodes, [], [], condition_episodes={"unseen": unseen})
+
+
+@pytest.fixture
+def study(outcomes: ModuleType, results: Results) -> Any:
+    return outcomes.study_of("Nests", results)
+
+
+def rows(table: str) -> dict[str, list[str]]:
+    """Lines of a table by their first cell."""
+    lines = ([cell.strip() for cell in line.strip("| ").split(" | ")] for line in table.splitlines()[2:])
+    return {line[0]: line[1:] for line in lines}
+
+
+def test_a_cell_has_return_cost_flights_above_and_regret(script: ModuleType, study: Any):
+    found = rows(script.task_table(study, "fixed"))
+    # Returns of the seeds are 5, 6 and 7, and Student's t for three is 4.30; at a cost of 8 the oracle returns 6.8.
+    assert found["FOCOPS"][0] == "**6.00 ± 2.48 at 8.00 ± 0.00; 50%; 0.80**"
+    assert found["FOCOPS"][1] == "6.50 at 25.0; 50%; 2.00; 2 of 3 seeds"
+    # Costs of the seeds are 0, 40 and 80: the mean is within the limit of 49, and its interval reaches beyond.
+    assert found["P3O"][2] == "*6.00 ± 2.48 at 40.0 ± 99.4; 33%; 4.00*"
+
+
+def test_a_policy_without_a_limit_stands_beside_each(script: ModuleType, study: Any):
+    found = rows(script.task_table(study, "fixed"))
+    assert found["PPO, without a limit"] == ["7.00 ± 2.48 at 40.0 ± 0.00; 50%; 3.00"] * 3
+    assert found["oracle"] == ["6.82", "8.30", "10.00"]
+
+
+def test_unseen_rivers_have_flights_and_a_front_of_their_own(script: ModuleType, study: Any):
+    found = rows(script.task_table(study, "unseen"))
+    assert found["oracle"] == ["unattainable; 6.00 at 10.0", "7.73", "10.00"]
+    assert found["FOCOPS"] == ["6.00 ± 2.48 at 10.0 ± 0.00; 50%; 0.00", "missing", "missing"]
+
+
+def test_what_is_missing_or_failed_is_named(script: ModuleType, study: Any):
+    found = rows(script.task_table(study, "fixed"))
+    assert found["CPO"] == ["missing", "failed", "missing"] and found["P3O"][:2] == ["missing", "missing"]
+    assert script.missing_section({"Nests": study}) == "- Nests: FOCOPS (8 of 9 runs), CPO (0 of 3 runs)\n"
+
+
+def test_holders_are_ordered_by_return_and_those_beyond_have_their_cost(script: ModuleType, study: Any):
+    lines = script.holders_table({"Nests": study}).splitlines()[2:]
+    assert lines == [
+        "| Nests | 8.2 | 6.82 | **FOCOPS (6.00)** | nobody |",
+        "| Nests | 23 | 8.30 | nobody | FOCOPS (25.0) |",
+        "| Nests | 49 | 10.00 | **FOCOPS (7.50)**, P3O (6.00) | nobody |",
+    ]
+
+
+def test_facts_are_counted_over_all_policies_with_a_limit(script: ModuleType, study: Any):
+    lines = script.facts({"Nests": study}).replace("\n", " ").split("**")[2::2]
+    holds, price, limitless, rising, unseen, nobody = (line.strip() for line in lines)
+    assert holds.startswith("3 of 4 mean costs are within the limit, 2 of them with the whole interval: P3O 1 of 1,")
+    # Regrets are 0.80, 9 - 7.5 = 1.50, and 4.00.
+    assert "0.80 (FOCOPS, Nests at 8.2) to 4.00 points (P3O, Nests at 49)" in price and "median of 1.50" in price
+    assert limitless.startswith("PPO costs 1.7 times the middle limit of Nests and returns 7.00, 3.00 below")
+    assert rising.startswith("Of 1 algorithms") and "in 1, the cost in 1." in rising
+    assert unseen.startswith("1 of the 2 that hold the limit on the fixed river hold it too; in all 1 of 2")
+    assert nobody == (
+        "Limits that nobody holds: Nests at 23. At the others the best that hold it return 6.00 of 6.82 (FOCOPS, Nests"
+        " at 8.2), 7.50 of 10.00 (FOCOPS, Nests at 49) of what the oracle does."
+    )
+
+
+def test_a_task_that_was_not_run_says_so(script: ModuleType, outcomes: ModuleType):
+    study = outcomes.study_of("Nests", None)
+    assert script.task_section(study) == script.NOT_RUN
+    assert script.missing_section({"Nests": study}) == "- Nests: everything\n"
+    assert script.facts({"Nests": study}) == script.holders_table({"Nests": study}) == "Nothing has been run yet.\n"
+
+
+def test_results_of_other_tasks_than_the_front_are_refused(outcomes: ModuleType, results: Results):
+    old = replace(results, folder=Path("nests"), versions={"PPO-0": {"tasks": 0}})
+    with pytest.raises(ResultsError, match=r"nests: .*PPO-0 has 0"):
+        outcomes.study_of("Nests", old)
+
+
+def test_a_front_of_other_tasks_is_refused(outcomes: ModuleType, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(outcomes, "read_fronts", lambda: [replace(point, tasks=0) for point in FRONT])
+    with pytest.raises(ResultsError, match="no front of Nests on fixed rivers of Medium"):
+        outcomes.study_of("Nests", None)
+
+
+def test_the_picture_has_a_panel_for_each_task(script: ModuleType, study: Any):
+    picture = script.drawn_fronts({name: replace(study, task=name) for name in ("A", "B", "C", "D")})
+    assert Image.open(io.BytesIO(picture)).width > 1000 and len(picture) < 150_000
+
+
+def test_the_committed_page_shows_the_committed_results(script: ModuleType):
+    page = script.PAGE.read_text()
+    assert page == script.written_page(page, script.read_studies()), "python benchmarks/task_findings.py writes it"

@@ -45,6 +45,8 @@ PAVED_M = 0.8 + QUAY_PAVED_M
 """Distance from the water to the curb, at which the pavement ends."""
 LAWN_M = 13.0
 """Distance to which the lawn behind it reaches."""
+BAND_ROWS = 256
+"""Rows of the map that are painted at a time."""
 SLAB_M = (1.1, 0.75)
 """Length and width of the slabs of the pavement."""
 
@@ -62,6 +64,10 @@ class Grain:
     speck: np.ndarray
     """Wavelength of two nodes and a little more."""
 
+    def rows(self, rows: slice) -> "Grain":
+        """Return some rows of all maps, without a copy."""
+        return Grain(self.broad[rows], self.patch[rows], self.clump[rows], self.speck[rows])
+
 
 def grain_of(shape: tuple[int, int], cell_m: float, rng: np.random.Generator) -> Grain:
     """Return the noise that the paint of all banks shares."""
@@ -75,15 +81,24 @@ def grain_of(shape: tuple[int, int], cell_m: float, rng: np.random.Generator) ->
 
 def painted(albedo: np.ndarray, terrain: Terrain, zones: Zones, rng: np.random.Generator) -> np.ndarray:
     """Return the reflectance [GY, GX, 3] uint8 of the ground with that of its banks, coded as in `World.albedo`."""
-    cell = terrain.grid.cell_m
-    grain = grain_of(zones.bank_m.shape, cell, rng)
+    grain = grain_of(zones.bank_m.shape, terrain.grid.cell_m, rng)
+    out = albedo.copy()
+    # By bands of rows, because layers of colours take many times the memory of the maps.
+    for first in range(0, len(out), BAND_ROWS):
+        rows = slice(first, first + BAND_ROWS)
+        out[rows] = _painted_rows(albedo[rows], zones.rows(rows), grain.rows(rows), terrain.grid.cell_m)
+    return out
+
+
+def _painted_rows(albedo: np.ndarray, zones: Zones, grain: Grain, cell_m: float) -> np.ndarray:
+    """As `painted`, for some rows of the maps."""
     colour = np.square(albedo.astype(np.float32) / f4(255))
     # Islands keep their sand.
     land = np.where(zones.island_m > 0, f4(1), f4(0))
     for kind, share in zones.share.items():
         # The border between two kinds is ragged; where a kind has no share, nothing changes.
         ragged = smooth_step(0.25, 0.75, share + f4(0.12) * np.clip(grain.clump, f4(-2), f4(2)))
-        PAINT[kind](colour, (share if kind == "quay" else ragged) * land, zones, grain, cell)
+        PAINT[kind](colour, (share if kind == "quay" else ragged) * land, zones, grain, cell_m)
     return np.rint(np.sqrt(np.clip(colour, 0.0, 1.0)) * f4(255.0)).astype(np.uint8)
 
 

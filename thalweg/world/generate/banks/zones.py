@@ -44,9 +44,10 @@ class Zones:
     share: dict[str, np.ndarray]
     """How far a node belongs to a bank of each kind other than forest that there is, 0 to 1."""
 
-    def share_of(self, kind: str) -> np.ndarray:
-        """Return the map of a kind, zero where there is none."""
-        return self.share[kind] if kind in self.share else np.zeros_like(self.bank_m)
+    def rows(self, rows: slice) -> "Zones":
+        """Return some rows of all maps, without a copy."""
+        maps = (self.bank_m, self.arc_m, self.side, self.width_m, self.island_m)
+        return Zones(*(each[rows] for each in maps), {kind: share[rows] for kind, share in self.share.items()})
 
 
 def measure(terrain: Terrain, river: River, banks: Banks) -> Zones:

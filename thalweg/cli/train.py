@@ -80,7 +80,7 @@ class Train:
         if self.out is None:
             raise UsageError(f"--out is missing: name the folder of the run, such as --out runs/{algorithm.name}")
         settings = settings_from(self.set)
-        river = self.river.reach("--level", self.level) or self.level or (DEFAULT_LEVEL[self.vehicle],)
+        river = self.river.reach("--level", self.level, levels_have_banks=True) or self._levels
         seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError)
         rules = EnvConfig(task=checked_task(self.task), hard=self.hard, vehicle=self.vehicle)
         rules = self.forces.options().applied(rules)
@@ -111,13 +111,18 @@ class Train:
         print_result(result, self._where(seeds))
         return 0
 
+    @property
+    def _levels(self) -> tuple[str, ...]:
+        """Names of the levels, with their banks."""
+        return tuple(self.river.on_banks(level) for level in self.level or (DEFAULT_LEVEL[self.vehicle],))
+
     def _where(self, seeds: Sequence[int]) -> list[str]:
         """Return the options of an evaluation: the river of the run, unseen rivers if it had several, the encoder."""
         encoder = ["--encoder", str(self.encoder)] if self.encoder else []
         encoder += ["--vehicle", self.vehicle] if self.vehicle != "uav" else []
         if words := self.river.words():
             return [*words, *(["--world-seed", str(seeds[0])] if seeds else []), *encoder]
-        levels = ["--levels", *self.level] if self.level else []
+        levels = ["--levels", *self._levels] if self.level or self.river.banks else []
         if len(seeds) == 1:
             return [*(levels or ["--levels", DEFAULT_LEVEL[self.vehicle]]), "--world-seeds", str(seeds[0]), *encoder]
         return [*levels, *(["--unseen"] if seeds else []), *encoder]

@@ -208,20 +208,25 @@ def hash_of_encoder(encoder: Path | None) -> str:
 
 CLIMBERS: tuple[Arm, ...] = (
     Arm("student", STUDENT, 1, FIXED, 0, STEPS[STUDENT]),
-    Arm("FOCOPS", "FOCOPS", 1, FIXED, 0, STEPS["FOCOPS"], ("Medium",), ("Hard",)),
+    Arm("FOCOPS", "FOCOPS", 1, FIXED, 0, STEPS["FOCOPS"], ("Medium",), ("Hard",), Path("geometry")),
 )
-"""Who climbs the ladder, on its first rung. Another encoder is a line of its own: `encoder=Path("geometry")`."""
+"""Who climbs the ladder, on its first rung."""
 
 
-END_TO_END = Arm(
-    "FOCOPS-cnn", "FOCOPS", 16, FIXED, 0, STEPS["FOCOPS"], ("Medium",), ("Hard",), settings={"policy": "cnn"}
+COMPARED: tuple[Arm, ...] = tuple(
+    replace(CLIMBERS[1], name=name, rivers=16, **differs)
+    for name, differs in {
+        "FOCOPS-vae": {"encoder": None},
+        "FOCOPS-cnn": {"encoder": None, "settings": {"policy": "cnn"}},
+    }.items()
 )
-"""Compared with the climber of the same algorithm that sees codes, on one rung."""
+"""Arms beside the climber of the same algorithm on one rung: with codes of the autoencoder, and with convolutions that
+are learnt with the policy."""
 
 
-def end_to_end_arms() -> list[Arm]:
-    """Return the arms that learn convolutions and policy together."""
-    return [replace(END_TO_END, seed=seed) for seed in SEEDS]
+def compared_arms() -> list[Arm]:
+    """Return the arms on one rung, with all seeds."""
+    return [replace(arm, seed=seed) for arm in COMPARED for seed in SEEDS]
 
 
 def ladder_arms() -> list[Arm]:
@@ -247,4 +252,4 @@ def ablation_arms() -> list[Arm]:
 
 def all_arms() -> list[Arm]:
     """Return all arms."""
-    return [*ladder_arms(), *end_to_end_arms(), *ablation_arms()]
+    return [*ladder_arms(), *compared_arms(), *ablation_arms()]

@@ -13,7 +13,7 @@ from ladder_arms import (
     ABLATIONS,
     ARM_KEY,
     CLIMBERS,
-    END_TO_END,
+    COMPARED,
     FIXED,
     RUNGS,
     VARIED,
@@ -36,7 +36,7 @@ NOTHING = "This has not been measured yet.\n"
 SHOWN = (("seen", "Medium"), ("unseen", "Medium"), ("unseen", "Hard"), ("varied", "Medium"), ("varied", "Hard"))
 """Flights in the table of the ladder: kind and level, which all climbers have."""
 PLOTTED = "Medium"
-TABULATED = (*CLIMBERS, END_TO_END)
+TABULATED = (*CLIMBERS, *COMPARED)
 """Lines of the table of the ladder; only climbers are plotted."""
 Rows = Sequence[Mapping[str, str]]
 

@@ -59,7 +59,7 @@ def test_the_example_is_installed_and_comes_to_a_row(tmp_path: Path):
     shown = rf"\| PricedPG \(privileged\) \| results \|.*\| current; PricedPG 1 \({source}\) \| 3 seeds"
     assert re.search(shown, board.stdout), board.stdout
     again = thalweg("report", "results", cwd=tmp_path)  # without the plug-in
-    assert again.returncode == 0 and "Note:   Not compared: PricedPG is a plug-in that is not here" in again.stdout
+    assert again.returncode == 0 and "Note:   Not compared: PricedPG is a plug-in that is not here" in again.stderr
     flown = thalweg(
         *("evaluate", "results/runs/PricedPG-0", "--levels", "easy", "--episodes", "1", "--out", "rows.csv"),
         cwd=tmp_path,

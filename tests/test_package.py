@@ -1,12 +1,15 @@
-"""Tests that the wheel includes all data files of the package, and that module docstrings are statements."""
+"""Tests that the wheel includes all data files of the package, that docstrings are statements, and what CI tests."""
 
 import ast
+import re
 import shutil
 import subprocess
 import tomllib
 from pathlib import Path
 
 import pytest
+
+from tests.interop.run import names
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -47,3 +50,13 @@ def test_module_docstrings_are_statements():
         if "?" in docstring.split("\n\n")[0]:
             questions.append(str(path.relative_to(ROOT)))
     assert sorted(questions) == []
+
+
+def test_the_pages_name_the_libraries_that_ci_tests():
+    (given,) = re.findall(r'make test-interop LIBRARIES="(.*)"', (ROOT / ".ci" / "run").read_text())
+    assert set(given.split()) <= set(names())
+    shown = {"pufferlib": "PufferLib", "stable_baselines3": "Stable-Baselines3", "torchrl": "TorchRL"}
+    *first, last = (shown[name] for name in given.split())
+    for page in ("CONTRIBUTING.md", "docs/other-libraries.md"):
+        words = " ".join((ROOT / page).read_text().split())
+        assert re.search(rf"CI runs those of {', '.join(first)} and {last}\b", words), page

@@ -14,7 +14,8 @@ WIDE = "2000"
 """Characters of a line of help: so many that no text is broken."""
 HEAD = """# Commands
 
-What `thalweg COMMAND --help` prints of each command. Options may stand in any order. Numbers may be written as 200000,
+What `thalweg COMMAND --help` prints of each command. Results go to stdout; notices, warnings and bars of progress to
+stderr. Options may stand in any order. Numbers may be written as 200000,
 200_000 or 2e5. `thalweg --version` prints the version; `--debug` shows the traceback of an error.
 """
 ENTRY = re.compile(r"^  (?P<option>\S.*?)(?:\s{2,}(?P<help>\S.*))?$")

@@ -1,9 +1,11 @@
 """PPO on the codes of an encoder, with environments and policies of PufferLib.
 
-pip install --no-deps pufferlib-core psutil
+pip install 'thalweg[learn]'
+pip install --no-deps -r tests/interop/locks/pufferlib.lock
 python examples/interop/pufferlib_ppo.py
 
-The update stands here, since PufferLib's own, `PuffeRL.train`, needs a compiled extension and CUDA's libraries.
+The second command leaves out what PufferLib pins, another PyTorch among it. The update stands here, since PufferLib's
+own, `PuffeRL.train`, needs a compiled extension and CUDA's libraries.
 """
 
 import argparse
@@ -29,6 +31,14 @@ def advantages(rewards: torch.Tensor, values: torch.Tensor, ends: torch.Tensor, 
         carried = error + GAMMA * LAMBDA * goes_on * carried
         result[step], last = carried, values[step]
     return result
+
+
+def in_words(episodes: list[dict[str, float]]) -> str:
+    """Return the number of episodes, and their mean return and cost if there are any."""
+    if not episodes:
+        return "no episode ended"
+    means = [np.mean([told[name] for told in episodes]) for name in ("episode_return", "episode_cost")]
+    return f"{len(episodes)} episodes, mean return {means[0]:.2f}, mean cost {means[1]:.2f}"
 
 
 def main() -> None:
@@ -72,9 +82,7 @@ def main() -> None:
                 optimiser.zero_grad()
                 (-clipped + 0.5 * error - 0.01 * entropy).mean().backward()
                 optimiser.step()
-        means = [np.mean([told[name] for told in episodes] or [0]) for name in ("episode_return", "episode_cost")]
-        shown = f"mean return {means[0]:.2f}, mean cost {means[1]:.2f}"
-        print(f"step {steps}: {len(episodes)} episodes, {shown}")
+        print(f"step {steps}: {in_words(episodes)}")
 
 
 if __name__ == "__main__":

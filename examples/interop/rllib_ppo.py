@@ -36,6 +36,14 @@ def rivers(config: dict[str, Any]) -> VectorEnv:
     return TransformObservation(envs, lambda frames: np.float32(frames) / np.float32(255), many, floats)
 
 
+def in_words(found: dict[str, Any]) -> str:
+    """Return the number of episodes of an iteration, with the mean return and cost of the last 100 if one has ended."""
+    if "episode_cost" not in found:  # what is logged at the end of an episode
+        return "no episode ended"
+    means = f"mean return {found['episode_return_mean']:.2f}, mean cost {found['episode_cost']:.2f}"
+    return f"{found['num_episodes']:.0f} episodes, {means}"
+
+
 def main() -> None:
     """Train a policy, and print the mean return and cost of the episodes of each iteration."""
     parser = argparse.ArgumentParser(description="PPO of RLlib on frames of a river")
@@ -65,9 +73,7 @@ def main() -> None:
     )
     algorithm = config.build_algo()
     for iteration in range(arguments.iterations):
-        found = algorithm.train()["env_runners"]
-        means = f"mean return {found['episode_return_mean']:.2f}, mean cost {found['episode_cost']:.2f}"
-        print(f"iteration {iteration}: {found['num_episodes']:.0f} episodes, {means}")
+        print(f"iteration {iteration}: {in_words(algorithm.train()['env_runners'])}")
     algorithm.stop()
 
 

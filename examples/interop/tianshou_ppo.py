@@ -40,6 +40,14 @@ class Eye(ModuleWithVectorOutput):
         return self.convolutions(torch.as_tensor(frames).movedim(-1, 1).float() / 255), state
 
 
+def in_words(episodes: list[tuple[float, float]]) -> str:
+    """Return the number of episodes, and the means of their returns and costs if there are any."""
+    if not episodes:
+        return "no episode ended"
+    means = [sum(values) / len(episodes) for values in zip(*episodes, strict=True)]
+    return f"{len(episodes)} episodes, mean return {means[0]:.2f}, mean cost {means[1]:.2f}"
+
+
 def main() -> None:
     """Train a policy, and print the mean return and cost of the episodes of each epoch."""
     parser = argparse.ArgumentParser(description="PPO of Tianshou on frames of a river")
@@ -85,9 +93,7 @@ def main() -> None:
     for epoch in range(arguments.epochs):
         episodes.clear()
         trainer.execute_epoch()
-        returns, costs = zip(*episodes, strict=True) if episodes else ([], [])
-        means = [f"{sum(values) / max(len(values), 1):.2f}" for values in (returns, costs)]
-        print(f"epoch {epoch}: {len(episodes)} episodes, mean return {means[0]}, mean cost {means[1]}")
+        print(f"epoch {epoch}: {in_words(episodes)}")
 
 
 if __name__ == "__main__":

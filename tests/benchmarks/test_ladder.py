@@ -17,6 +17,7 @@ import pytest
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.core import versions
+from thalweg.encoder.encoder import encoder_path
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SCRIPTS = ("any_river", "ladder_arms", "ladder_page", "ladder", "river_flights")
@@ -90,13 +91,17 @@ def test_ablations_differ_from_the_whole_student_in_one_setting(arms: ModuleType
     }
 
 
-def test_focops_learns_end_to_end_beside_the_climber_that_sees_codes(arms: ModuleType):
-    found = arms.end_to_end_arms()
-    assert [arm.label for arm in found] == [f"FOCOPS-cnn-16-fixed-{seed}" for seed in range(3)]
+def test_focops_on_other_codes_and_end_to_end_stands_beside_the_climber_that_sees_geometry(arms: ModuleType):
+    found = arms.compared_arms()
+    names = ("FOCOPS-vae", "FOCOPS-cnn")
+    assert [arm.label for arm in found] == [f"{name}-16-fixed-{seed}" for name in names for seed in range(3)]
     beside = next(arm for arm in arms.ladder_arms() if arm.label == "FOCOPS-16-fixed-0")
-    assert (found[0].algorithm, found[0].steps, found[0].levels) == (beside.algorithm, beside.steps, beside.levels)
-    assert found[0].sees_images and not beside.sees_images and found[0].resolved["policy"] == "cnn"
-    assert found[0].key[7] == "none" and "privileged" in found[0].training_versions
+    assert {(arm.algorithm, arm.steps, arm.levels) for arm in (*found, beside)} == {("FOCOPS", 200_000, ("Medium",))}
+    vae, cnn = found[0], found[3]
+    assert [arm.sees_images for arm in (vae, cnn, beside)] == [False, True, False]
+    assert len({vae.key[7], beside.key[7], "none"}) == 3
+    assert encoder_path(beside.encoder) == encoder_path("geometry")
+    assert cnn.resolved["policy"] == "cnn" and cnn.key[7] == "none" and "privileged" in cnn.training_versions
 
 
 def test_looks_reach_a_student_by_its_settings(student: Any):

@@ -37,4 +37,11 @@ def test_a_run_without_an_episode_has_no_mean(capsys):
 
 def test_a_resumed_run_repeats_its_warnings(capsys):
     print_result(replace(RESULT, resumed_from=1024), ["--unseen"])
-    assert "Warning: the limit never binds" in capsys.readouterr().out.splitlines()
+    assert capsys.readouterr().err == "Warning: the limit never binds\n"
+
+
+def test_a_finished_run_says_so_beside_its_result(capsys):
+    print_result(replace(RESULT, already_finished=True, warnings=()), ["--unseen"])
+    printed = capsys.readouterr()
+    assert printed.err == "runs/x was finished before; nothing was trained.\n"
+    assert printed.out.startswith("runs/x: PPO, 2,048 steps") and "finished before" not in printed.out

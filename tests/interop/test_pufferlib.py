@@ -123,3 +123,8 @@ def test_a_policy_learns_by_example(tmp_path: Path):
     lines = output_of_example("pufferlib_ppo.py", *arguments, cwd=tmp_path).splitlines()
     pattern = r"step (\d+): \d+ episodes, mean return \d+\.\d\d, mean cost \d+\.\d\d"
     assert [found[1] for line in lines if (found := re.fullmatch(pattern, line))] == ["0", "128"]
+
+
+def test_an_example_in_which_no_episode_ended_says_so(tmp_path: Path):
+    arguments = ["--steps", "2", "--envs", "2", "--length", "1"]
+    assert "step 0: no episode ended" in output_of_example("pufferlib_ppo.py", *arguments, cwd=tmp_path).splitlines()

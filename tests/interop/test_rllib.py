@@ -85,3 +85,8 @@ def test_its_ppo_runs_by_example(tmp_path: Path):
     lines = output_of_example("rllib_ppo.py", *arguments, cwd=tmp_path).splitlines()
     pattern = r"iteration (\d): \d+ episodes, mean return \d+\.\d\d, mean cost \d+\.\d\d"
     assert [found[1] for line in lines if (found := re.fullmatch(pattern, line))] == ["0", "1"]
+
+
+def test_an_example_in_which_no_episode_ended_says_so(tmp_path: Path):
+    arguments = ["--iterations", "1", "--envs", "2", "--length", "1"]
+    assert "iteration 0: no episode ended" in output_of_example("rllib_ppo.py", *arguments, cwd=tmp_path).splitlines()

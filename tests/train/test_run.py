@@ -367,4 +367,4 @@ def test_a_preset_is_resolved_and_written_down_and_settings_go_on_top(tmp_path):
 
 def test_the_bar_shows_and_is_gone_afterwards(tmp_path, capsys):
     train(tmp_path, progress=True, steps=300)
-    assert "FOCOPS, seed 3" in capsys.readouterr().out
+    assert "FOCOPS, seed 3" in capsys.readouterr().err

@@ -46,16 +46,22 @@ class Bench:
     plugin: Plugins = ()
 
     def run(self) -> int:
-        executor = executor_for(self.jobs, self.cluster, self.cpus)
-        rules = Rules(self.task, self.hard, self.forces)
+        asked = RequestedRuns(
+            suite=self.suite,
+            only=self.only,
+            executor=executor_for(self.jobs, self.cluster, self.cpus),
+            river=self.river,
+            rules=Rules(self.task, self.hard, self.forces),
+            policies=self.policy,
+        )
         if self.verify is not None:
             if not self.only:
                 raise UsageError("--verify makes runs again: name them by --only, such as --only FOCOPS-0")
             fresh = self.out or Path(f"{self.verify.resolve().name}-verified")
-            return verify_and_print(self.suite, self.verify, fresh, self.only, executor, self.river, rules, self.policy)
+            return verify_and_print(asked, self.verify, fresh)
         if self.out is None:
             raise UsageError("give the folder of the results, such as --out results/quick")
-        return run_and_print(self.suite, self.out, self.only, executor, self.river, rules, self.policy)
+        return run_and_print(asked, self.out)
 
 
 @dataclass(frozen=True)
@@ -72,26 +78,40 @@ class Rules:
         return replace(suite, task=task, hard=self.hard or suite.hard, forces=self.forces.options(suite.forces))
 
 
-def run_and_print(
-    name: str,
-    folder: Path,
-    only: tuple[str, ...],
-    executor: "Executor",
-    river: RiverFile = NO_FILE,
-    rules: Rules | None = None,
-    policies: tuple[str, ...] = (),
-) -> int:
-    """Run a suite, or a part of it, and print its tables; returns 1 if a run failed.
+@dataclass(frozen=True)
+class RequestedRuns:
+    """Runs of a suite that a command line asks for."""
 
-    All policies also fly on the `river` of a file, if one is given, as a condition of its own. `rules` replace those of
-    the suite. `policies` are functions that are flown too.
-    """
+    suite: str
+    """Name or file of the suite."""
+    only: tuple[str, ...]
+    """Policies or runs; all if there are none."""
+    executor: "Executor"
+    river: RiverFile
+    """All policies also fly on the river of this file, if it is one, as a condition of its own."""
+    rules: Rules
+    """Replace those of the suite."""
+    policies: tuple[str, ...]
+    """Functions that are flown too."""
+
+    def resolved(self) -> "Suite":
+        """Return the suite with the rules, the functions and the river; raises the errors of each."""
+        from thalweg.bench.suite.builtin import load_suite
+        from thalweg.bench.suite.config import Function
+
+        suite = self.rules.of(load_suite(self.suite))
+        suite = replace(suite, policies=(*suite.policies, *map(Function, self.policies)))
+        reach = self.river.reach("a suite", None)
+        return suite if reach is None else with_river(suite, reach)
+
+
+def run_and_print(asked: RequestedRuns, folder: Path) -> int:
+    """Run a suite, or a part of it, in a folder, and print its tables; returns 1 if a run failed."""
     from thalweg.bench.execute.runner import run_suite
     from thalweg.cli.tables import make_console, print_tables
 
     console = make_console()
-    suite = requested_suite(name, river, rules, policies)
-    outcome = run_suite(suite, folder, console=console, executor=executor, only=only)
+    outcome = run_suite(asked.resolved(), folder, console=console, executor=asked.executor, only=asked.only)
     print_tables(console, outcome.results, detail=False)
     lines = [f"Report: {outcome.report.page}", f"Table:  {outcome.report.table}"]
     if outcome.report.film is not None:
@@ -101,23 +121,14 @@ def run_and_print(
     return 1 if outcome.failed else 0
 
 
-def verify_and_print(
-    name: str,
-    recorded: Path,
-    fresh: Path,
-    only: tuple[str, ...],
-    executor: "Executor",
-    river: RiverFile = NO_FILE,
-    rules: Rules | None = None,
-    policies: tuple[str, ...] = (),
-) -> int:
+def verify_and_print(asked: RequestedRuns, recorded: Path, fresh: Path) -> int:
     """Make runs of a suite again in the folder `fresh`, compare them with the `recorded` ones, and print what agrees;
-    returns 1 if something does not. The other arguments are those of `run_and_print`."""
+    returns 1 if something does not."""
     from thalweg.bench.execute.verification import verify
     from thalweg.cli.tables import make_console
 
     console = make_console()
-    suite = requested_suite(name, river, rules, policies)
+    suite, only, executor = asked.resolved(), asked.only, asked.executor
     outcomes = verify(suite, recorded, fresh, only, console=console, executor=executor)
     lines = [line for outcome in outcomes for line in verification_lines(outcome, recorded, fresh)]
     console.print("\n".join(lines), highlight=False, soft_wrap=True, markup=False)
@@ -136,19 +147,6 @@ def verification_lines(outcome: "Verification", recorded: Path, fresh: Path) -> 
         lines.append(f"  {part.name}, {part.rows} episodes: {'; '.join(part.differences) or agrees}")
     lines.append(f"{outcome.run}: {'reproduced' if outcome.reproduced else 'NOT reproduced'}")
     return lines
-
-
-def requested_suite(name: str, river: RiverFile, rules: Rules | None, policies: tuple[str, ...]) -> "Suite":
-    """Return the suite of a name or file with the rules, the functions and the river that were given beside it."""
-    from thalweg.bench.suite.builtin import load_suite
-    from thalweg.bench.suite.config import Function
-
-    suite = load_suite(name)
-    suite = suite if rules is None else rules.of(suite)
-    if policies:
-        suite = replace(suite, policies=(*suite.policies, *map(Function, policies)))
-    reach = river.reach("a suite", None)
-    return suite if reach is None else with_river(suite, reach)
 
 
 def with_river(suite: "Suite", reach: "Reach") -> "Suite":

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from thalweg.cli.encoder_defaults import by_target
 from thalweg.cli.options import NO_FILE, Plugins, River, UsageError, check_file
+from thalweg.cli.run_result import tell_finished
 from thalweg.core.seeds import parse_seeds
 
 
@@ -103,7 +104,7 @@ class EncoderTrain:
             **self._given("images", "held_out", "epochs"),
         ).run()
         if result.already_finished:
-            print(f"{self.out} was finished before; nothing was trained.")
+            tell_finished(self.out)
         print(f"{result.path}: IoU of water {result.iou:.3f} on rivers held out, under all looks")
         return 0
 
@@ -129,7 +130,7 @@ class EncoderTrain:
             **self._given("images", "held_out", "epochs", "views", "rivers_in_memory", "device"),
         ).run()
         if result.already_finished:
-            print(f"{self.out} was finished before; nothing was trained.")
+            tell_finished(self.out)
         print(f"{result.path}, judged on rivers held out, under all looks, by R² of a linear regression on the code:")
         print("\n".join(result.lines))
         return 0

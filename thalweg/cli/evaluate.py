@@ -106,6 +106,8 @@ class Evaluate:
 
 def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> None:
     """Fly on levels, by name, or on a real river; print the tables, and write the rows if asked to."""
+    from rich.console import Console
+
     from thalweg.bench.csv_files import ResultsError
     from thalweg.bench.evaluate.baselines import BASELINES, DRAWN, sight_of
     from thalweg.bench.evaluate.episodes import Episode, write_episodes
@@ -138,7 +140,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     rows: list[Episode] = []
     for river in rivers:
         courses, level = _courses(command, config, river, drawn=command.shield or sight_of(policy) in DRAWN)
-        with progress_bar(console, "episodes") as progress:
+        with progress_bar(Console(stderr=True), "episodes") as progress:
             for course in courses:
                 observe = observation_function(policy, course.world, encoder, command.device, shielded=command.shield)
                 which = f", river {course.world.seed}" if command.unseen or len(command.seeds) > 1 else ""

@@ -18,16 +18,17 @@ class Film(FlownFlight):
     """Film to write, an .mp4 file; an existing one is replaced. A picture of it is written beside it."""
 
     def run(self) -> int:
+        from rich.console import Console
+
         from thalweg.bench.evaluate.progress import progress_bar, track_frames
         from thalweg.bench.pictures.film_format import LARGE
-        from thalweg.cli.tables import make_console
         from thalweg.viewer.flight.filming import FilmedFlight
 
         check_file("--out", self.out, ".mp4")
         if self.steps is not None and self.steps < 1:
             raise UsageError(f"--steps must be at least 1, not {self.steps}")
         filmed = FilmedFlight(self.cockpit(LARGE.view_px, self.out.parent), self.steps)
-        with progress_bar(make_console(), "frames") as progress:
+        with progress_bar(Console(stderr=True), "frames") as progress:
             on_frame = track_frames(progress, self.out.name, filmed.flight.steps)
             filmed.write(self.out, policy_name(self.flight), on_frame)
         told, options = filmed.flight.status(), filmed.flight.options

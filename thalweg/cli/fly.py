@@ -1,6 +1,5 @@
 """`thalweg fly`: the page to fly the river by hand, to watch policies and pilots fly, and to record flights."""
 
-import sys
 import webbrowser
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from tyro.conf import Positional
 
 from thalweg.cli.flight_options import ChosenFlight, policy_name
 from thalweg.cli.options import UsageError
+from thalweg.core.notices import notice
 
 LOOPBACK = "127.0.0.1"
 MOST_PORTS = 65_535
@@ -54,7 +54,7 @@ class Fly(ChosenFlight):
         try:
             serve(make_app(shared, token, hosts), bound, partial(self._announce, address))
         except KeyboardInterrupt:
-            print("\nStopped.", file=sys.stderr)
+            notice("\nStopped.")
         finally:
             bound.close()
             stop(shared)
@@ -87,10 +87,7 @@ class Fly(ChosenFlight):
         """Print the address, and open it if that was asked for."""
         print(f"Fly at {address}\nFlights are saved in {self.out}/. Ctrl-C stops.", flush=True)
         if self.host != LOOPBACK:
-            print(
-                f"Warning: whoever gets the address and reaches {self.host} can fly here; nothing is encrypted.",
-                file=sys.stderr,
-            )
+            notice(f"Warning: whoever gets the address and reaches {self.host} can fly here; nothing is encrypted.")
         if self.open:
             webbrowser.open(address)
 

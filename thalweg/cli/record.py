@@ -37,8 +37,9 @@ class Record(FlownFlight):
     """Keep the colours as an H.264 video, which is smaller and lossy; else every frame is lossless."""
 
     def run(self) -> int:
+        from rich.console import Console
+
         from thalweg.bench.evaluate.progress import progress_bar
-        from thalweg.cli.tables import make_console
         from thalweg.datasets.recordings import check_recording, recording
         from thalweg.render import Camera
         from thalweg.viewer.flight.observed import Observer
@@ -54,7 +55,7 @@ class Record(FlownFlight):
         reasons: dict[str, int] = {}
         steps = 0
         with (
-            progress_bar(make_console(), "flights") as progress,
+            progress_bar(Console(stderr=True), "flights") as progress,
             recording(self.out, self.format, observer.about(), video=self.video) as writer,
         ):
             task = progress.add_task(self.out.name, total=count, rate="")

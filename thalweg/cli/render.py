@@ -1,12 +1,12 @@
 """`thalweg render`: what the camera sees at chosen poses."""
 
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from thalweg.cli.options import NO_FILE, POSE, Plugins, River, UsageError, check_file, checked_task, load_world
 from thalweg.core.atomic_io import write_picture
+from thalweg.core.notices import notice
 
 LIMITS_PX = 16, 2048
 """Least and greatest height of a camera's frame, see `thalweg.render.Camera`."""
@@ -77,10 +77,9 @@ class RenderFrames:
         from thalweg.world.enclosure import enclosure_of
 
         if self.pose is not None and (around := enclosure_of(world, *self.pose[:3])) is not None:
-            print(
+            notice(
                 f"Warning: --pose: z = {self.pose[2]:g} is {around.name}; there, z above {around.top_m:.2f} is in the"
-                " open",
-                file=sys.stderr,
+                " open"
             )
 
     def _poses(self, world: Any) -> Any:

@@ -6,6 +6,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from thalweg.cli.options import Plugins, UsageError
+from thalweg.core.notices import notice
 
 
 @dataclass(frozen=True)
@@ -26,5 +27,5 @@ class Report:
         report = write_report(self.results, self.out)
         print(f"Report: {report.page}\nTable:  {report.table}")
         for line in report.problems:
-            print(f"Note:   {line}")
+            notice(f"Note:   {line}")
         return 0

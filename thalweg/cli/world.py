@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from thalweg.cli.options import NO_FILE, River, UsageError, check_file, load_world
+from thalweg.core.notices import notice
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,8 @@ class DrawWorld:
         draw(world, self.out)
         print(f"{self.out}: {world.name}, seed {world.seed}, a course of {world.river.length_m:.0f} m")
         if reach is not None:
-            print("".join(f"{reach.name}: {note}\n" for note in reach.notes()), end="")
+            for note in reach.notes():
+                notice(f"{reach.name}: {note}")
         if self.save is not None:
             world.save(self.save)
             print(f"{self.save}: the world")

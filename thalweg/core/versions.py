@@ -51,7 +51,7 @@ ALGORITHMS = {
 """Updates of each algorithm, by its name in the registry."""
 PACKAGED_ENCODER = 2
 """The encoder file that comes with the package."""
-PACKAGED_GEOMETRY = 1
+PACKAGED_GEOMETRY = 2
 """The file of the encoder of geometry that comes with the package."""
 PACKAGED_POLICY = 3
 """The policy file that comes with the package."""

@@ -17,10 +17,12 @@ from typing import Any
 
 import numpy as np
 import torch
+from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.machine import package_version
+from thalweg.core.notices import notice
 from thalweg.core.run_folder import FolderKind
 from thalweg.encoder.checkpoint import restore_state, state_tensors
 from thalweg.encoder.files import FILE, FORMAT, EncoderFileError, read_tensors, save_vae, write_tensors
@@ -202,15 +204,15 @@ def write_rows(path: Path, columns: Sequence[str], rows: list[Row]) -> None:
 
 
 def say_resumed(folder: Path, finished: int, epochs: int) -> None:
-    """Print after which epoch a training resumes; nothing for one that begins, or is finished."""
+    """Tell after which epoch a training resumes; nothing for one that begins, or is finished."""
     if 0 < finished < epochs:
-        print(f"{folder} resumes after epoch {finished} of {epochs}.", flush=True)
+        notice(f"{folder} resumes after epoch {finished} of {epochs}.")
 
 
 def progress_bar(shown: bool) -> Progress:
-    """Return a progress bar of epochs, with a note behind it."""
+    """Return a progress bar of epochs on stderr, with a note behind it."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    return Progress(*columns, TextColumn("{task.fields[note]}"), disable=not shown)
+    return Progress(*columns, TextColumn("{task.fields[note]}"), console=Console(stderr=True), disable=not shown)
 
 
 def _write_encoder(

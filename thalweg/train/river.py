@@ -3,7 +3,6 @@
 Other environments are passed to `thalweg.train.run` directly, which does not depend on rivers.
 """
 
-import sys
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -13,6 +12,7 @@ from thalweg.algos.registry import algorithm_named
 from thalweg.core import versions
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads
+from thalweg.core.notices import notice
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, PluginEncoder, check_render_version, encoder_plugin, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
@@ -70,8 +70,8 @@ def announce_build(level: Level | Reach, seed: int) -> None:
 
 @cache
 def print_once(line: str) -> None:
-    """Print each line once, to stderr: stdout is for results."""
-    print(line, file=sys.stderr, flush=True)
+    """Print each line once, as a notice."""
+    notice(line)
 
 
 RiverChange = Literal["auto", "fixed", "episode"]

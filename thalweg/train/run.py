@@ -1,6 +1,5 @@
 """Training runs: `run` trains an algorithm on an environment and writes a folder, from which it also resumes."""
 
-import sys
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -22,6 +21,7 @@ from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import DeviceError, resolve_device
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import to_plain
+from thalweg.core.notices import notice
 from thalweg.train.episode_bounds import bounds_in_words, with_declared_bounds
 from thalweg.train.errors import ShortRunWarning, TrainingError
 from thalweg.train.folder import run_record
@@ -132,7 +132,7 @@ def run(
     if found := too_short(resolved, steps, task.num_envs):
         warnings.warn(found, ShortRunWarning, stacklevel=2)
     if how.progress and (line := bounds_in_words(resolved, given)):
-        print(line, file=sys.stderr)
+        notice(line)
     trainer = Trainer(collector, learner, steps, seed, how.threads)
     return train_to_end(folder, trainer, identity, progress=how.progress, checkpoint_seconds=how.checkpoint_seconds)
 

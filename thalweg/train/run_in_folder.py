@@ -11,6 +11,7 @@ import torch
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.policy import policy as policies
 from thalweg.core.compute.device import resolve_device
+from thalweg.core.notices import notice
 from thalweg.core.plugins.record import PluginWarning, changed_source
 from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.folder import run_record
@@ -115,7 +116,7 @@ def train_to_end(
     algorithm = identity["algorithm"]
     status_file = StatusFile(folder, algorithm, trainer)
     if progress and step is not None:
-        print(f"{folder} resumes from step {step:,} of {trainer.steps:,}.", flush=True)
+        notice(f"{folder} resumes from step {step:,} of {trainer.steps:,}.")
     try:
         trainer.start(state)
         status_file.write("running")

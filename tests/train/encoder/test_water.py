@@ -108,9 +108,10 @@ def test_the_command_trains_and_says_from_where_it_resumes(
     assert "The same command resumes from the last checkpoint." in capsys.readouterr().err
     for told in ("resumes after epoch 1 of 2.", "was finished before; nothing was trained."):
         assert main(command) == 0
-        lines = capsys.readouterr().out.splitlines()  # with the bar of progress among them
-        assert f"{tmp_path / 'run'} {told}" in lines
-        assert lines[-1].startswith(f"{tmp_path / 'run' / 'water.safetensors'}: IoU of water 0.")
+        printed = capsys.readouterr()
+        assert f"{tmp_path / 'run'} {told}" in printed.err.splitlines()  # with the bar of progress among them
+        (line,) = printed.out.splitlines()
+        assert line.startswith(f"{tmp_path / 'run' / 'water.safetensors'}: IoU of water 0.")
 
 
 @pytest.mark.parametrize(

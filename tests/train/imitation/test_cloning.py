@@ -102,7 +102,7 @@ def test_an_interrupted_run_resumes_to_the_same_numbers(
     assert "resumes from step 16" in capsys.readouterr().err  # after the first of three updates; one a minute is kept
     monkeypatch.setattr(CloningTrainer, "update", update)
     assert clone("parts") == 0
-    assert "parts resumes from step 16 of 96.\n" in capsys.readouterr().out
+    assert "parts resumes from step 16 of 96.\n" in capsys.readouterr().err
     assert rows(tmp_path / "parts") == rows(tmp_path / "whole") and len(rows(tmp_path / "whole")) == 6
     flat = [load_policy(tmp_path / name).actor.stack.flat for name in ("whole", "parts")]
     assert torch.equal(*flat)

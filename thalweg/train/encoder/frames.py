@@ -6,6 +6,7 @@ Frame i depends on the seed, i and the number of rivers alone, so that a larger 
 from typing import Any
 
 import numpy as np
+from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from thalweg.core.seeds import parse_seeds
@@ -99,7 +100,7 @@ def render_frames(
     camera = renderer.camera
     frames = np.empty((len(poses), camera.height_px, camera.width_px, 4), np.uint8)
     columns = (TextColumn("collecting frames"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, disable=not progress) as bar:
+    with Progress(*columns, console=Console(stderr=True), disable=not progress) as bar:
         task = bar.add_task("", total=len(poses))
         for start in range(0, len(poses), BATCH):
             rows = slice(start, start + BATCH)

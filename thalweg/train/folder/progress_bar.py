@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol, Self
 
+from rich.console import Console
 from rich.progress import BarColumn, ProgressColumn, Task, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.text import Text
@@ -41,8 +42,8 @@ class LearningColumn(ProgressColumn):
 
 
 class ProgressBar:
-    """A progress bar with steps per second, the means of the last episodes, and the time of a long update; invisible
-    unless `shown`.
+    """A progress bar on stderr with steps per second, the means of the last episodes, and the time of a long update;
+    invisible unless `shown`.
 
     The rate is the mean since the first update of the bar, learning included; steps before a resume do not count.
     """
@@ -51,7 +52,7 @@ class ProgressBar:
         words = "{task.completed:,.0f}/{task.total:,.0f} steps, {task.fields[rate]}{task.fields[means]}"
         columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TextColumn(words))
         self._learning = LearningColumn()
-        self._bar = Bar(*columns, self._learning, TimeRemainingColumn())
+        self._bar = Bar(*columns, self._learning, TimeRemainingColumn(), console=Console(stderr=True))
         self._bar.disable = not shown
         self._task = self._bar.add_task(title, total=steps, rate="", means="")
         self._shown_at, self._began_at, self._first_steps = 0.0, 0.0, -1

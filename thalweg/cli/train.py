@@ -16,6 +16,7 @@ from thalweg.core.seeds import parse_seeds
 
 if TYPE_CHECKING:
     from thalweg.algos.registry import Entry
+    from thalweg.world import Reach
 
 
 @dataclass(frozen=True)
@@ -88,6 +89,7 @@ class Train:
             river, self.num_envs, seeds, rules, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory
         )
         self._check_settings(algorithm, settings)
+        self._warn_of_limit(algorithm, settings, river)
         images = settings.get("policy") == "cnn"
         if (images or self.observation != "frames") and self.encoder is not None:
             takes_none = "policy=cnn" if images else f"--observation {self.observation}"
@@ -115,6 +117,17 @@ class Train:
     def _levels(self) -> tuple[str, ...]:
         """Names of the levels, with their banks."""
         return tuple(self.river.on_banks(level) for level in self.level or (DEFAULT_LEVEL[self.vehicle],))
+
+    def _warn_of_limit(self, algorithm: "Entry", settings: dict[str, Any], river: "Reach | tuple[str, ...]") -> None:
+        """Warn of a cost limit below the oracle's safest point on a level; no oracle flew files and the hard mode."""
+        from thalweg.bench.fronts.attainable import warn_of_limits
+        from thalweg.env.tasks import PAPER_TASK
+        from thalweg.world import level_named
+
+        if self.task == PAPER_TASK or self.hard or not isinstance(river, tuple):
+            return
+        config = algorithm.configure(settings, self.preset, self.num_envs)
+        warn_of_limits(self.task, ((algorithm.name, level_named(name).name, config) for name in river))
 
     def _where(self, seeds: Sequence[int]) -> list[str]:
         """Return the options of an evaluation: the river of the run, unseen rivers if it had several, the encoder."""

@@ -16,7 +16,6 @@ from thalweg.core.notices import notice
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, PluginEncoder, check_render_version, encoder_plugin, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
-from thalweg.env.forces.arrays import has_forces
 from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
@@ -274,7 +273,7 @@ class RiverTraining:
             about["task_plugin"] = plugin.as_data()
         if self.config.task_record.props and seen != PRIVILEGED:
             about["props_version"] = versions.PROPS
-        if has_forces(self.config):
+        if self.config.has_forces:
             about["forces_version"] = versions.FORCES
         if self.config.vehicle != "uav" and seen == PRIVILEGED:
             about["vehicles_version"] = versions.VEHICLES

@@ -82,7 +82,7 @@ def _mixed(places):
 POSES = np.array(
     [
         [-16.0, 0.0, 4.0, 0.1], [-4.0, -9.0, 2.6, 0.75], [12.0, -12.0, 6.0, 1.7], [3.0, 4.0, 5.0, -2.0],
-        [-3.5, 1.0, 2.2, 0.2],
+        [-0.6, 1.0, 1.6, 0.2],
     ]
 )  # fmt: skip
 WORLD_INDEX = np.array([0, 0, 0, 1, 2])
@@ -92,7 +92,7 @@ PROPS = np.array(
         [[PropKind.KAYAK, 1.5, -4.0, 0.0, 0.2, 1.0], [PropKind.SWIMMER, 0.5, -5.5, 0.0, 2.0, 0.5]],
         [[PropKind.STATION, 9.0, -3.0, 0.0, 0.4, 0.0], [PropKind.BUOY, 11.0, -4.0, 0.0, 0.0, 1.0]],
         [[PropKind.NONE, 0.0, 0.0, 0.0, 0.0, 0.0], [PropKind.KAYAK, 0.5, -1.5, 0.5, 0.5, 4.0]],
-        [[PropKind.NONE, 0.0, 0.0, 0.0, 0.0, 0.0], [PropKind.BUOY, -1.0, 0.5, 0.0, 0.5, 4.0]],
+        [[PropKind.NONE, 0.0, 0.0, 0.0, 0.0, 0.0], [PropKind.BUOY, 2.0, 1.5, 1.2, 0.5, 4.0]],
     ],
     np.float32,
 )

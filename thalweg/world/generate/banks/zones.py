@@ -46,8 +46,9 @@ class Zones:
 
     def rows(self, rows: slice) -> "Zones":
         """Return some rows of all maps, without a copy."""
-        maps = (self.bank_m, self.arc_m, self.side, self.width_m, self.island_m)
-        return Zones(*(each[rows] for each in maps), {kind: share[rows] for kind, share in self.share.items()})
+        share = {kind: share[rows] for kind, share in self.share.items()}
+        bank_m, arc_m, side = self.bank_m[rows], self.arc_m[rows], self.side[rows]
+        return Zones(bank_m, arc_m, side, self.width_m[rows], self.island_m[rows], share)
 
 
 def measure(terrain: Terrain, river: River, banks: Banks) -> Zones:

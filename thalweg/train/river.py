@@ -151,6 +151,8 @@ class RiverTraining:
             ground: dict[str, Any] = {"river": self.river.as_data()}
         else:
             ground = {"level": names[0]} if len(names) == 1 else {"levels": names}
+        if any(level.banks for level in self.levels) or (isinstance(self.river, Reach) and self.river.banks):
+            ground["banks_version"] = versions.BANKS
         if self.changes_river:
             return {**ground, "world_seeds": compact_seeds(self.seeds), "rivers": "episode"}
         return {**ground, "world_seeds": list(self.seeds)}

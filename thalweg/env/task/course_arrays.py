@@ -182,7 +182,8 @@ def step_limit(world: World, config: EnvConfig) -> int:
 
     for level in ALL_LEVELS.values():
         similar = abs(world.river.length_m - level.length_m) <= LEVEL_LENGTH_SHARE * level.length_m
-        if world.name.lower() == level.name.lower() and similar:
+        # Behind a plus sign, a name says which banks the river has.
+        if world.name.partition("+")[0].lower() == level.name.lower() and similar:
             return LEVEL_MAX_STEPS
     return math.ceil(STEPS_PER_METRE * world.river.length_m)
 

@@ -111,8 +111,9 @@ def test_train_warns_of_a_limit_below_the_oracles_safest_point(out: Path, monkey
         raise ResultsError("training would begin here")
 
     monkeypatch.setattr(RiverTraining, "train", begin)
-    with pytest.warns(LimitWarning, match=f"^PPOLag: {BELOW}"):
-        assert main([*command, "--set", "cost_limit=0.5"]) == 2
+    for banks in ([], ["--banks", "meadow"]):  # the rules know none
+        with pytest.warns(LimitWarning, match=f"^PPOLag: {BELOW}"):
+            assert main([*command, "--set", "cost_limit=0.5", *banks]) == 2
     for other in (["--set", "cost_limit=1.2"], ["--hard", "--set", "cost_limit=0.5"]):
         with warnings.catch_warnings():
             warnings.simplefilter("error", LimitWarning)

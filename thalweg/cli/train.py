@@ -113,11 +113,6 @@ class Train:
         print_result(result, self._where(seeds))
         return 0
 
-    @property
-    def _levels(self) -> tuple[str, ...]:
-        """Names of the levels, with their banks."""
-        return tuple(self.river.on_banks(level) for level in self.level or (DEFAULT_LEVEL[self.vehicle],))
-
     def _warn_of_limit(self, algorithm: "Entry", settings: dict[str, Any], river: "Reach | tuple[str, ...]") -> None:
         """Warn of a cost limit below the oracle's safest point on a level; no oracle flew files and the hard mode."""
         from thalweg.bench.fronts.attainable import warn_of_limits
@@ -127,7 +122,12 @@ class Train:
         if self.task == PAPER_TASK or self.hard or not isinstance(river, tuple):
             return
         config = algorithm.configure(settings, self.preset, self.num_envs)
-        warn_of_limits(self.task, ((algorithm.name, level_named(name).name, config) for name in river))
+        warn_of_limits(self.task, ((algorithm.name, level_named(name).base_name, config) for name in river))
+
+    @property
+    def _levels(self) -> tuple[str, ...]:
+        """Names of the levels, with their banks."""
+        return tuple(self.river.on_banks(level) for level in self.level or (DEFAULT_LEVEL[self.vehicle],))
 
     def _where(self, seeds: Sequence[int]) -> list[str]:
         """Return the options of an evaluation: the river of the run, unseen rivers if it had several, the encoder."""

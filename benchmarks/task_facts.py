@@ -1,9 +1,11 @@
 """Sentences of `docs/task-findings.md` that follow from the results alone, so that they change with what is there."""
 
+import math
 import statistics
 from collections.abc import Callable, Mapping
 from itertools import pairwise
 
+from findings import share_at_bound
 from page_sections import wrap
 from task_outcomes import LIMITLESS, Outcome, Study, held, mean_text, oracle_text
 
@@ -20,7 +22,10 @@ def facts(studies: Studies) -> str:
     run = {task: study for task, study in studies.items() if study.limited(FIXED)}
     if not run:
         return "Nothing has been run yet.\n"
-    every: tuple[Callable[[Studies], str], ...] = (_who_holds, _price, _without_limit, _rising, _elsewhere, _nobody)
+    every: tuple[Callable[[Studies], str], ...] = (
+        *(_who_holds, _price, _without_limit, _rising, _elsewhere, _nobody),
+        _at_bound,
+    )
     return "".join(wrap(f"{number}. {fact(run)}") for number, fact in enumerate(every, start=1))
 
 
@@ -107,6 +112,27 @@ def _nobody(studies: Studies) -> str:
         f"{text} At the others the best that hold it return {', '.join(best)} of what the oracle does."
         if best
         else text
+    )
+
+
+def _at_bound(studies: Studies) -> str:
+    shares: dict[bool, list[float]] = {True: [], False: []}
+    names: dict[str, None] = {}
+    for study in studies.values():
+        for each in study.limited(FIXED):
+            known = [share for run in study.runs_of(each) if not math.isnan(share := share_at_bound(run))]
+            shares[each.holds] += known
+            names |= dict.fromkeys([each.algorithm] if known else [])
+    told = [
+        f"in {statistics.mean(found):.0%} of the updates of runs whose policies {words} it ({len(found)})"
+        for holds, words in ((False, "do not hold"), (True, "hold"))
+        if (found := shares[holds])
+    ]
+    if not told:
+        return "**Bounds of multipliers.** No run with a multiplier is there."
+    return (
+        "**Bounds of multipliers.** The multiplier, which prices cost where a limit is not held, stood at its upper"
+        f" bound {', and '.join(told)}; these are {', '.join(names)}."
     )
 
 

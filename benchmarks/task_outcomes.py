@@ -7,6 +7,7 @@ unseen rivers beside the front of unseen rivers. Intervals are over seeds.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
@@ -94,6 +95,14 @@ class Study:
         """Return the reason why an algorithm has no outcome beside a limit, such as `missing`."""
         name = self.arms.get((algorithm, None)) or self.arms.get((algorithm, limit), "")
         return "missing" if self.results is None else self.results.gap(name)
+
+    def runs_of(self, outcome: Outcome) -> list[Path]:
+        """Return the folders of the runs of an outcome, as far as their settings and metrics are there."""
+        if self.results is None:
+            return []
+        name = self.arms[outcome.algorithm, None if outcome.algorithm in LIMITLESS else outcome.limit]
+        folders = (self.results.folder / "runs" / row.run for row in self.results.runs if row.algorithm == name)
+        return [path for path in folders if (path / "config.yaml").is_file() and (path / "metrics.csv").is_file()]
 
     def seeds_done(self, algorithm: str) -> int:
         """Return how many runs of an algorithm were flown, at all limits together."""

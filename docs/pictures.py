@@ -16,6 +16,8 @@ from thalweg.render import Camera, Renderer
 from thalweg.render.records.props import PropKind
 from thalweg.render.records.quality import QUALITIES
 from thalweg.world import LEVELS, World, load_or_build
+from thalweg.world.banks import KINDS
+from thalweg.world.levels import on_banks
 from thalweg.world.map_image import draw, size_in_scale
 
 IMAGES = Path(__file__).resolve().parent / "images"
@@ -33,6 +35,9 @@ PROP_PLACES = (
     (PropKind.KAYAK, 30.0, -0.1), (PropKind.BUOY, 38.0, 0.2),
 )  # fmt: skip
 """Kinds of props, their distances along the river in metres, and their places across it as shares of its width."""
+
+BANK_SAMPLES = (30, 118, 208)
+"""Samples of the river of Medium above which the cameras of the picture of banks are."""
 
 CLASS_COLOURS = np.array(
     [
@@ -56,6 +61,8 @@ def main() -> None:
     for picture, name in drawn:
         picture.save(IMAGES / name, quality=88)
         print(f"docs/images/{name}")
+    banks().save(IMAGES / "banks.jpg", quality=74)
+    print("docs/images/banks.jpg")
 
 
 def save(picture: Image.Image, name: str) -> None:
@@ -115,6 +122,19 @@ def props(size: int = 384) -> Image.Image:
         rows.append(here)
     frames = Renderer([load_or_build("Medium")], Camera(size, size)).render(poses, time_s=2.0, props=rows)
     return tile_grid([frame[..., :3] for frame in frames], columns=3)
+
+
+def banks(size: int = 256) -> Image.Image:
+    """Return each kind of banks on Medium in a column, from two, five and ten metres above the water."""
+    columns = []
+    for kind in KINDS:
+        world = load_or_build(on_banks("Medium", kind))
+        river, poses = world.river, []
+        for sample, height in zip(BANK_SAMPLES, (2.0, 5.0, 10.0), strict=True):
+            (x, y), (east, north) = river.position_m[sample], river.tangent[sample]
+            poses.append([x, y, river.level_m[sample] + height, np.arctan2(north, east)])
+        columns.append([frame[..., :3] for frame in Renderer([world], Camera(size, size)).render(poses, time_s=2.0)])
+    return tile_grid([column[row] for row in range(len(BANK_SAMPLES)) for column in columns], columns=len(KINDS))
 
 
 def flights(size: int = 128) -> Image.Image:

@@ -43,8 +43,8 @@ def make_torch(level: str, num_envs: int = 1, **options: Any) -> "TensorRiverEnv
     Args:
         level: "Easy", "Medium" or "Hard"; for boats (`vehicle="asv"`) "Easy", "Medium-Deep" or "Hard-Deep".
         num_envs: N, the number of environments.
-        options: `device` ("auto" by default, see `thalweg.core.compute.device`), `world_seeds` or `worlds`, `config`,
-            and the fields of `thalweg.env.EnvConfig`.
+        options: `device` ("auto" by default, see `thalweg.core.compute.device`), `world_seeds` or `worlds`, `banks`,
+            `config`, and the fields of `thalweg.env.EnvConfig`.
     """
     from thalweg.env.factory import make_tensors
 

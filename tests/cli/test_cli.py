@@ -17,7 +17,7 @@ from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.evaluate.course import UNSEEN
 from thalweg.cli.encoder import ENCODER_COMMANDS, EncoderTrain
 from thalweg.cli.main import COMMANDS, _parse, main
-from thalweg.cli.options import RiverFile, settings_from
+from thalweg.cli.options import NO_FILE, RiverFile, settings_from
 from thalweg.cli.render import RenderFrames
 from thalweg.train.encoder.water import WaterTraining
 from thalweg.train.folder.checkpoint import save_checkpoint
@@ -480,6 +480,17 @@ def test_a_real_river_is_drawn_from_its_file(tmp_path: Path, capsys: pytest.Capt
     assert (set(river.width_m), round(river.length_m)) == ({6.0}, 60)
 
 
+def test_a_river_on_other_banks_is_drawn_and_saved(tmp_path: Path, brook: Path, capsys: pytest.CaptureFixture):
+    from thalweg.world import World
+    from thalweg.world.banks import text_of
+
+    out, saved = tmp_path / "map.png", tmp_path / "brook.npz"
+    given = ["world", "--river", str(brook), "--width-m", "6", "--banks", "meadow", "quay_20-50_left"]
+    assert main([*given, "--out", str(out), "--save", str(saved)]) == 0
+    assert "brook.geojson: banks: meadow+quay_20-50_left" in capsys.readouterr().err
+    assert text_of(World.load(saved).banks) == "meadow+quay_20-50_left"
+
+
 @pytest.fixture
 def brook(tmp_path: Path) -> Path:
     """A real river of 89 m in a file, without a width."""
@@ -684,6 +695,10 @@ def test_options_of_a_river_are_typed_again_as_they_were_given():
     assert options.words() == ["--river", "a river.geojson", *typed]
     named = RiverFile(Path("b.kml"), crs="EPSG:32632", river_name="River Cam", reverse=True)
     assert named.words() == ["--river", "b.kml", "--crs", "EPSG:32632", "--river-name", "River Cam", "--reverse"]
+    on_banks = RiverFile(Path("b.kml"), banks=("meadow", "quay_120-180_left"))
+    assert on_banks.words() == ["--river", "b.kml", "--banks", "meadow+quay_120-180_left"]
+    assert RiverFile(banks=("meadow", "quay_1-2")).on_banks("medium") == "Medium+meadow+quay_1-2"
+    assert NO_FILE.on_banks("medium") == "medium"
 
 
 @pytest.mark.parametrize(
@@ -701,6 +716,11 @@ def test_options_of_a_river_are_typed_again_as_they_were_given():
         ),
         (["train", "--geojson", "none.geojson", "--out", "x"], "none.geojson: there is no such file"),
         (["train", "--smooth-m", "9", "--out", "x"], "--smooth-m goes with --river"),
+        (["render", "--banks", "lawn"], "unknown kind 'lawn'; known: forest, meadow, reeds, quay"),
+        (["train", "--banks", "meadow", "quay_9", "--out", "x"], "'9' in 'quay_9' is neither a span such as 120-180"),
+        (["evaluate", "hover", "--banks", "medow"], "unknown kind 'medow' (did you mean 'meadow'?)"),
+        (["bench", "quick", "--banks", "meadow", "--out", "x"], "--banks goes with --river"),
+        (["world", "--level", "easy", "--banks", "quay_0-999"], "quay_0-999 is not on the course, which is 27"),
         (
             ["evaluate", "hover", "--geojson", "none.geojson", "--levels", "easy", "hard"],
             "not both: easy hard and none.",

@@ -1,5 +1,6 @@
 """Worlds, poses, looks and flights for comparisons of GPU and CPU, small enough for the simulator."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from thalweg.env.physics.wind import Wind
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.render import Camera, Look
 from thalweg.render.records.props import PropKind
+from thalweg.world.banks import QUAY_FALL, QUAY_WALL_M, quay_slope, read_banks
 from thalweg.world.record import World
 
 CAMERA = Camera(16, 16)
@@ -28,6 +30,15 @@ def world() -> World:
 def worlds() -> list[World]:
     """That one, and one of nothing but ground and water."""
     return [world(), plane(slope_y=0.04, water_level=0.5)]
+
+
+def drawn_worlds() -> list[World]:
+    """Both, and a quay across the view: a wall as steep as on a map with nodes half a metre apart, and its pavement."""
+    plain = plane(water_level=0.0)
+    x = np.arange(plain.ground_m.shape[1]) * plain.grid.cell_m + plain.grid.origin_x_m
+    ground = np.minimum(quay_slope(plain.grid.cell_m) * x, QUAY_WALL_M + QUAY_FALL * np.maximum(x - 1.0, 0.0))
+    ground = np.broadcast_to(np.maximum(ground, -1.0), plain.ground_m.shape)
+    return [*worlds(), replace(plain, ground_m=ground.astype(np.float32), banks=read_banks("quay"))]
 
 
 FLIGHTS, STEPS = 5, 60
@@ -68,24 +79,31 @@ def _mixed(places):
     return plants
 
 
-POSES = np.array([[-16.0, 0.0, 4.0, 0.1], [-4.0, -9.0, 2.6, 0.75], [12.0, -12.0, 6.0, 1.7], [3.0, 4.0, 5.0, -2.0]])
-WORLD_INDEX = np.array([0, 0, 0, 1])
+POSES = np.array(
+    [
+        [-16.0, 0.0, 4.0, 0.1], [-4.0, -9.0, 2.6, 0.75], [12.0, -12.0, 6.0, 1.7], [3.0, 4.0, 5.0, -2.0],
+        [-0.6, 1.0, 1.6, 0.2],
+    ]
+)  # fmt: skip
+WORLD_INDEX = np.array([0, 0, 0, 1, 2])
 PROPS = np.array(
     [
         [[PropKind.BUOY, -9.0, 0.5, 0.0, 0.0, 0.3], [PropKind.KAYAK, 5.0, 1.5, 0.0, 1.0, 2.0]],
         [[PropKind.KAYAK, 1.5, -4.0, 0.0, 0.2, 1.0], [PropKind.SWIMMER, 0.5, -5.5, 0.0, 2.0, 0.5]],
         [[PropKind.STATION, 9.0, -3.0, 0.0, 0.4, 0.0], [PropKind.BUOY, 11.0, -4.0, 0.0, 0.0, 1.0]],
         [[PropKind.NONE, 0.0, 0.0, 0.0, 0.0, 0.0], [PropKind.KAYAK, 0.5, -1.5, 0.5, 0.5, 4.0]],
+        [[PropKind.NONE, 0.0, 0.0, 0.0, 0.0, 0.0], [PropKind.BUOY, 2.0, 1.5, 1.2, 0.5, 4.0]],
     ],
     np.float32,
 )
-"""[4, 2, 6], some of each kind in front of the cameras."""
+"""[5, 2, 6], some of each kind in front of the cameras."""
 A_PASS = 3
 """Number of cameras in a pass, so that there are two passes."""
-TIMES = np.array([0.0, 3.5, 8.25, 1.0])
+TIMES = np.array([0.0, 3.5, 8.25, 1.0, 2.0])
 LOOKS = [
     Look(),
     Look(haze=20.0, warmth=0.7, water_tint=-0.8, turbidity=0.5, ripple=1.7, season=0.8, plant_density=0.6),
     Look(exposure_ev=0.6, pitch_deg=-8.0, fov_deg=20.0, noise=5.0, turbidity=3.0),
+    Look(),
     Look(),
 ]

@@ -48,7 +48,7 @@ def main(path: str, scene_path: str, quality: str) -> None:
     found |= {"props_images": with_props, "props_only_mask": prop_masks}
     found |= dict(zip(("props_depth", "props_kind", "props_mask"), prop_layers, strict=True))
     if quality == "fast":  # which takes a simulator less time
-        public = Renderer(cases.worlds(), cases.CAMERA, quality, simulated.DEVICE)
+        public = Renderer(cases.drawn_worlds(), cases.CAMERA, quality, simulated.DEVICE)
         frame = public.render_layers(cases.POSES[:1], look=cases.LOOKS[:1])
         found |= {"rgb": frame.rgb, "depth_m": frame.depth_m, "class_id": frame.class_id}
         found["public_mask"] = public.render_mask(cases.POSES[:1], look=cases.LOOKS[:1])

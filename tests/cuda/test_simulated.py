@@ -35,7 +35,7 @@ def frames_of_the_cpu(quality: str, props: np.ndarray = NO_PROPS) -> tuple[np.nd
     looks = look_rows(look_values(cases.LOOKS, count), cases.CAMERA)
     settings = FrameSettings(side, side, np.float32(cases.CAMERA.near_m), quality == "fast")
     layers = np.empty((count, side, side), np.float32), np.empty((count, side, side), np.uint8)
-    scene = build_scene(cases.worlds())
+    scene = build_scene(cases.drawn_worlds())
     bands = bands_of(side, 1, count)
     views = Views(cases.WORLD_INDEX, cases.POSES, cases.TIMES, looks)
     draw(scene, views, settings, output(COLOURS, images, None, layers), bands, props)
@@ -49,13 +49,15 @@ def test_frames_and_layers_equal_those_of_the_cpu(tmp_path: Path, quality: str):
     assert set(np.unique(classes)) == {SKY, WATER, GROUND, PLANT, BRIDGE}
     path = tmp_path / "simulated.npz"
     # Plants, clouds and canopies are baked by compiled kernels, which are far too slow in the simulator.
-    np.savez(tmp_path / "scene.npz", **build_scene(cases.worlds())._asdict())
+    np.savez(tmp_path / "scene.npz", **build_scene(cases.drawn_worlds())._asdict())
     simulated("simulate_frames", str(path), str(tmp_path / "scene.npz"), quality)
     found = np.load(path)
     ours = check_images(images, found["images"])
     assert ours[..., :3].std() > 30
     if quality == "fast":
-        wanted = Renderer(cases.worlds(), cases.CAMERA, "fast").render_layers(cases.POSES[:1], look=cases.LOOKS[:1])
+        wanted = Renderer(cases.drawn_worlds(), cases.CAMERA, "fast").render_layers(
+            cases.POSES[:1], look=cases.LOOKS[:1]
+        )
         assert np.abs(found["rgb"].astype(int) - wanted.rgb).max() <= 8
         np.testing.assert_array_equal(found["class_id"], wanted.class_id)
         np.testing.assert_allclose(found["depth_m"], wanted.depth_m, rtol=1e-5)

@@ -103,6 +103,22 @@ def render() -> Trace:
     return found
 
 
+def banks() -> Trace:
+    """Sizes and means of the maps of a river with all kinds of banks, and what its frames show, in both qualities."""
+    world = load_or_build("Easy+meadow+reeds_60-130+quay_130-200")
+    river, found = world.river, {"world": _summary(world)}
+    poses = [
+        [*river.position_m[at], river.level_m[at] + height, np.arctan2(*river.tangent[at, ::-1])]
+        for at, height in ((20, 2.0), (70, 4.0), (110, 3.0), (125, 8.0))
+    ]
+    for quality in QUALITIES:
+        frames = Renderer([world], quality=quality).render(poses)
+        found[quality] = frames.mean(axis=(1, 2), dtype=np.float64)
+    layers = Renderer([world]).render_layers(poses, layers=("class_id",))
+    found["class"] = np.array([np.bincount(each.ravel(), minlength=5) for each in layers.class_id], np.float64)
+    return found
+
+
 def props() -> Trace:
     """Mean colour, class and depth of a lake with one prop of each kind, in both qualities and two looks."""
     found = {}
@@ -368,6 +384,7 @@ def _digits(path: Path) -> np.ndarray:
 GOLDENS: dict[str, Golden] = {
     "world": Golden("WORLD", versions.WORLD, world, tolerance=1e-4),
     "render": Golden("RENDER", versions.RENDER, render, tolerance=0.02),
+    "banks": Golden("BANKS", versions.BANKS, banks, tolerance=0.02),
     "props": Golden("PROPS", versions.PROPS, props, tolerance=0.02),
     "rules": Golden("RULES", versions.RULES, rules, tolerance=1e-9),
     "forces": Golden("FORCES", versions.FORCES, forces, tolerance=1e-9),

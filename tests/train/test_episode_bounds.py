@@ -89,7 +89,7 @@ ALL, COSTS = {"return", "cost", "costs"}, {"cost", "costs"}
     [
         (lambda env: gym.wrappers.TimeLimit(env, 5), ALL),
         (Marked, ALL),
-        (lambda env: gym.wrappers.TransformReward(env, lambda reward: 2 * reward), COSTS),
+        (lambda env: gym.wrappers.TransformReward(env, lambda reward: 2 * float(reward)), COSTS),
         (lambda env: gym.wrappers.TimeLimit(gym.wrappers.NormalizeReward(env), 5), COSTS),
         (lambda env: gym.wrappers.RepeatAction(env, 2), set()),
         (Doubled, set()),

@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from tests.env.handmade import hairpin, ring
+from thalweg.core import versions
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.river_list import RiverList
@@ -130,6 +131,15 @@ def test_rivers_of_several_levels_are_flown_in_one_run():
     assert RiverTraining(("easy",), 4).about() == RiverTraining("Easy", 4).about() == {
         "level": "Easy", "world_seeds": [1],
     }  # fmt: skip
+
+
+def test_a_run_on_other_banks_names_them_and_their_version():
+    assert RiverTraining("easy+meadow", 2, (3,)).about() == {
+        "level": "Easy+meadow",
+        "banks_version": versions.BANKS,
+        "world_seeds": [3],
+    }
+    assert "banks_version" not in RiverTraining("Easy+forest", 2, (3,)).about()
 
 
 def test_the_rivers_in_memory_are_announced(capsys: pytest.CaptureFixture):

@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from thalweg.world import LEVELS, WorldError, build, level_named
+from thalweg.world.banks import text_of
+from thalweg.world.levels import on_banks
+from thalweg.world.store.world_cache import cache_path
 
 
 def test_samples_are_those_of_the_table():
@@ -35,6 +38,38 @@ def test_the_key_depends_on_the_data_but_not_on_the_default_seed():
 def test_the_keys_of_the_built_in_levels_are_unchanged():
     keys = {name: level.key for name, level in LEVELS.items()}
     assert keys == {"Easy": 10865751102021860621, "Medium": 11291398378637665864, "Hard": 8057083718481944270}
+
+
+def test_banks_stand_in_the_name_and_change_neither_course_nor_key():
+    medium = LEVELS["Medium"]
+    meadow = medium.with_banks("meadow")
+    assert (meadow.name, meadow.base_name, text_of(meadow.banks)) == ("Medium+meadow", "Medium", "meadow")
+    assert meadow.key == medium.key
+    assert meadow != medium
+    assert cache_path(meadow, 1) != cache_path(medium, 1)
+    assert meadow.with_banks("quay 120-180 left").name == "Medium+quay_120-180_left"
+    assert meadow.with_banks("forest") == medium
+    assert replace(medium, banks="meadow") == meadow
+
+
+def test_a_name_with_banks_is_found_in_any_case():
+    assert level_named("medium+Meadow + quay 120-180") == LEVELS["Medium"].with_banks("meadow+quay_120-180")
+    assert level_named("Hard+forest") is not None and level_named("Hard+forest") == LEVELS["Hard"]
+    assert on_banks("Hard+meadow", "reeds") == "Hard+reeds"
+
+
+def test_unknown_levels_and_banks_in_a_name_are_refused():
+    with pytest.raises(WorldError, match=r"unknown level 'Mediun' \(did you mean 'Medium'"):
+        level_named("Mediun+meadow")
+    with pytest.raises(WorldError, match=r"unknown kind 'lawn'.*; known: forest, meadow, reeds, quay"):
+        level_named("Medium+lawn")
+    with pytest.raises(WorldError, match=r"'' is no reach; expected a kind"):
+        level_named("Medium+")
+
+
+def test_banks_off_the_course_are_refused_before_anything_is_built():
+    with pytest.raises(WorldError, match=r"quay_0-500 is not on the course, which is 27\d\.\d m long"):
+        build(level_named("Easy+quay_0-500"), 1)
 
 
 def test_equal_numbers_of_different_types_give_equal_keys():

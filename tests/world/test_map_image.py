@@ -12,6 +12,7 @@ from PIL import Image
 
 from tests.world.valley import valley
 from thalweg.world import map_image as drawing
+from thalweg.world.banks import read_banks
 from thalweg.world.generate.plants import scatter
 from thalweg.world.generate.surface import paint
 from thalweg.world.light.bake import bake
@@ -166,3 +167,12 @@ def test_a_name_is_written_literally_and_a_narrow_map_keeps_its_legend(world, tm
     name, facts = (text.get_window_extent(renderer) for text in figure.texts)
     assert not name.overlaps(facts) and facts.x1 <= figure.bbox.width
     assert not any(text.get_parse_math() for text in figure.texts if "$" in text.get_text())
+
+
+def test_the_title_names_the_kinds_of_banks_without_their_reaches(world):
+    banks = read_banks("meadow+quay_60-110_left+reeds_60-110_right+quay_180-230")
+    assert drawing.short_name(replace(world, name="Medium+meadow+quay_60-110_left", banks=banks)) == (
+        "Medium+meadow+quay+reeds"
+    )
+    assert drawing.short_name(replace(world, name="a+b.geojson")) == "a+b.geojson"
+    assert drawing.short_name(replace(world, name="Cam", banks=banks)) == "Cam"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from thalweg.cli.encoder_defaults import by_target
-from thalweg.cli.options import NO_FILE, Plugins, River, UsageError, check_file
+from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, UsageError, check_file
 from thalweg.cli.run_result import tell_finished
 from thalweg.core.seeds import parse_seeds
 
@@ -70,14 +70,16 @@ class EncoderTrain:
             raise UsageError(f"{option} is for --target {targets}: leave it out, or choose that target")
         if len(self.level) > 1:
             raise UsageError(f"--level takes one level for --target image, not {' '.join(self.level)}")
-        reach = self.river.reach("--level", self.level)
+        reach = self.river.reach("--level", self.level, levels_have_banks=True)
+        named = self.level or ((DEFAULT_LEVEL["uav"],) if self.river.banks else ())
+        ground = reach or next(map(self.river.on_banks, named), None)
         result = collect_and_train(
             self.out,
             VAEConfig(inputs=self.inputs, architecture=self.architecture, **self._given("latent")),
             world_seeds=parse_seeds(self.world_seeds, "--world-seeds", UsageError),
             seed=self.seed,
             command=shlex.join(["thalweg", *sys.argv[1:]]),
-            **({"level": reach or next(iter(self.level))} if reach or self.level else {}),
+            **({"level": ground} if ground else {}),
             **self._given("images", "held_out", "epochs"),
         )
         held_out = "" if result.held_out_mse is None else f", on held-out images {result.held_out_mse:.5f}"

@@ -88,7 +88,7 @@ class Evaluate:
             raise UsageError("give --sample or --deterministic, not both")
         if self.out is not None:
             check_file("--out", self.out, ".csv")
-        reach = self.river.reach("--levels", self.levels)
+        reach = self.river.reach("--levels", self.levels, levels_have_banks=True)
         if reach is not None and self.unseen:
             raise UsageError("--unseen goes with --levels: a file has only one river")
         if reach is None and self.world_seed is not None:
@@ -100,7 +100,8 @@ class Evaluate:
                 else "--river, whose plants and hills --world-seed chooses"
             )
             raise UsageError(f"--world-seeds does not go with {other}")
-        evaluate_and_print(self, (reach,) if reach is not None else self.levels or LEVELS_OF[self.vehicle])
+        levels = [self.river.on_banks(level) for level in self.levels or LEVELS_OF[self.vehicle]]
+        evaluate_and_print(self, levels if reach is None else (reach,))
         return 0
 
 

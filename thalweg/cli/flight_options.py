@@ -42,8 +42,9 @@ class ChosenFlight:
         from thalweg.viewer.flight.rivers import Rivers
         from thalweg.world import level_named
 
-        reach = self.river.reach("--level", self.level)
-        level = level_named(self.level or DEFAULT_LEVEL[self.vehicle]).name if reach is None else reach.name
+        reach = self.river.reach("--level", self.level, levels_have_banks=True)
+        named = self.river.on_banks(self.level or DEFAULT_LEVEL[self.vehicle])
+        level = level_named(named).name if reach is None else reach.name
         options = FlightOptions(
             level=level,
             world_seed=self.world_seed,

@@ -42,15 +42,19 @@ class RiverFile:
     """Ignore elevations in the file: the water is level."""
     open_water: bool = False
     """Leave out the bridges and islands of the file."""
+    banks: tuple[str, ...] = ()
+    """Kinds of the banks, also of a level's river: meadow, reeds or quay, or reaches such as quay_120-180_left."""
 
-    def reach(self, level_option: str, level: str | Sequence[str] | None) -> Any:
+    def reach(self, level_option: str, level: str | Sequence[str] | None, *, levels_have_banks: bool = False) -> Any:
         """Return the selected `thalweg.world.Reach`, or None if no file is given.
 
         Raises `UsageError` for a file beside a level, which the option of that name gave, and for options of a file
-        where there is none.
+        where there is none; --banks is one of them unless the command names its levels by `on_banks`.
         """
         options = self._given()
         if self.river is None:
+            if levels_have_banks:
+                options.pop("banks", None)
             if options:
                 raise UsageError(f"--{min(options).replace('_', '-')} goes with --river")
             return None
@@ -60,6 +64,12 @@ class RiverFile:
         from thalweg.world import Reach
 
         return Reach(self.river, **options)
+
+    def on_banks(self, level: str) -> str:
+        """Return the name of a level with the banks that are given, such as Medium+meadow; as it is without any."""
+        from thalweg.world.levels import on_banks
+
+        return on_banks(level, self._given()["banks"]) if self.banks else level
 
     def words(self) -> list[str]:
         """Return the options as command line arguments; empty if no file is given."""
@@ -77,6 +87,7 @@ class RiverFile:
     def _given(self) -> dict[str, Any]:
         """Return the options that are given besides the file itself."""
         values = {field.name: getattr(self, field.name) for field in fields(self)[1:]}
+        values["banks"] = "+".join(self.banks) or None
         return {name: value for name, value in values.items() if value is not None and value is not False}
 
 
@@ -107,9 +118,9 @@ def load_world(river: RiverFile, level: str | None, seed: int | None, vehicle: s
     """Return the world of the file, or that of the level and seed; of the usual level of a vehicle without one."""
     from thalweg.world import level_named, load_or_build
 
-    if (reach := river.reach("--level", level)) is not None:
+    if (reach := river.reach("--level", level, levels_have_banks=True)) is not None:
         return reach.build(seed or 0)
-    chosen = level_named(level or DEFAULT_LEVEL[vehicle])
+    chosen = level_named(river.on_banks(level or DEFAULT_LEVEL[vehicle]))
     return load_or_build(chosen, chosen.default_seed if seed is None else seed)
 
 

@@ -16,6 +16,7 @@ from thalweg.core.seeds import parse_seeds
 
 if TYPE_CHECKING:
     from thalweg.algos.registry import Entry
+    from thalweg.world import Reach
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class Train:
         if self.out is None:
             raise UsageError(f"--out is missing: name the folder of the run, such as --out runs/{algorithm.name}")
         settings = settings_from(self.set)
-        river = self.river.reach("--level", self.level) or self.level or (DEFAULT_LEVEL[self.vehicle],)
+        river = self.river.reach("--level", self.level, levels_have_banks=True) or self._levels
         seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError)
         rules = EnvConfig(task=checked_task(self.task), hard=self.hard, vehicle=self.vehicle)
         rules = self.forces.options().applied(rules)
@@ -88,6 +89,7 @@ class Train:
             river, self.num_envs, seeds, rules, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory
         )
         self._check_settings(algorithm, settings)
+        self._warn_of_limit(algorithm, settings, river)
         images = settings.get("policy") == "cnn"
         if (images or self.observation != "frames") and self.encoder is not None:
             takes_none = "policy=cnn" if images else f"--observation {self.observation}"
@@ -111,13 +113,29 @@ class Train:
         print_result(result, self._where(seeds))
         return 0
 
+    def _warn_of_limit(self, algorithm: "Entry", settings: dict[str, Any], river: "Reach | tuple[str, ...]") -> None:
+        """Warn of a cost limit below the oracle's safest point on a level; no oracle flew files and the hard mode."""
+        from thalweg.bench.fronts.attainable import warn_of_limits
+        from thalweg.env.tasks import PAPER_TASK
+        from thalweg.world import level_named
+
+        if self.task == PAPER_TASK or self.hard or not isinstance(river, tuple):
+            return
+        config = algorithm.configure(settings, self.preset, self.num_envs)
+        warn_of_limits(self.task, ((algorithm.name, level_named(name).base_name, config) for name in river))
+
+    @property
+    def _levels(self) -> tuple[str, ...]:
+        """Names of the levels, with their banks."""
+        return tuple(self.river.on_banks(level) for level in self.level or (DEFAULT_LEVEL[self.vehicle],))
+
     def _where(self, seeds: Sequence[int]) -> list[str]:
         """Return the options of an evaluation: the river of the run, unseen rivers if it had several, the encoder."""
         encoder = ["--encoder", str(self.encoder)] if self.encoder else []
         encoder += ["--vehicle", self.vehicle] if self.vehicle != "uav" else []
         if words := self.river.words():
             return [*words, *(["--world-seed", str(seeds[0])] if seeds else []), *encoder]
-        levels = ["--levels", *self.level] if self.level else []
+        levels = ["--levels", *self._levels] if self.level or self.river.banks else []
         if len(seeds) == 1:
             return [*(levels or ["--levels", DEFAULT_LEVEL[self.vehicle]]), "--world-seeds", str(seeds[0]), *encoder]
         return [*levels, *(["--unseen"] if seeds else []), *encoder]

@@ -31,7 +31,7 @@ class DrawWorld:
             check_file("--save", self.save, ".npz")
             if self.save.exists() and not self.overwrite:
                 raise UsageError(f"--save {self.save} exists already; name a new file, or add --overwrite")
-        reach = self.river.reach("--level", self.level)
+        reach = self.river.reach("--level", self.level, levels_have_banks=True)
         world = load_world(self.river, self.level, self.seed)
         draw(world, self.out)
         print(f"{self.out}: {world.name}, seed {world.seed}, a course of {world.river.length_m:.0f} m")

@@ -293,6 +293,11 @@ class EnvConfig:
         return task_named(self.task)
 
     @property
+    def has_forces(self) -> bool:
+        """Whether the vehicle moves by anything but its own steps."""
+        return self.dynamics == "inertial" or self.wind is not None or self.current_m_per_s is not None
+
+    @property
     def fast_ratio(self) -> float:
         """Length of a fast step, in steps forward; 0 in a task without one."""
         return self.task_record.fast_step_m / self.forward_step_m

@@ -25,6 +25,7 @@ def make_single(
     *,
     world: World | None = None,
     world_seed: int | None = None,
+    banks: Any = None,
     renderer: Any = None,
     render_mode: str | None = None,
     config: EnvConfig = DEFAULT_CONFIG,
@@ -32,13 +33,15 @@ def make_single(
 ) -> RiverEnv:
     """Create one environment in a river of the level: its fixed one, that of `world_seed`, or a given `world`.
 
+    `banks` are the kinds of the level's banks, such as "meadow"; see `thalweg.world.banks.read_banks`.
+
     Further options are fields of `EnvConfig`; raises `UnknownOptionError`, a `ConfigError` and a `TypeError`, for an
     unknown one, and lists the known.
     """
-    config = _with_options(config, options, ("world", "world_seed", "renderer", "render_mode", "config"))
+    config = _with_options(config, options, ("world", "world_seed", "banks", "renderer", "render_mode", "config"))
     _start_compilation(config)
     seeds = None if world_seed is None else [integer_at_least("world_seed", world_seed, 0)]
-    worlds = _worlds(level, None if world is None else [world], seeds)
+    worlds = _worlds(_on_banks(level, banks, world), None if world is None else [world], seeds)
     return RiverEnv(worlds[0], config, renderer=renderer, render_mode=render_mode)
 
 
@@ -48,6 +51,7 @@ def make_vector(
     *,
     worlds: World | Sequence[World] | None = None,
     world_seeds: Seeds | None = None,
+    banks: Any = None,
     rivers: Literal["fixed", "episode"] = "fixed",
     renderer: Any = None,
     autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
@@ -57,14 +61,26 @@ def make_vector(
 ) -> RiverVectorEnv:
     """Create N environments in rivers of the level: its fixed one, those of `world_seeds`, or given `worlds`.
 
+    `banks` are the kinds of the level's banks, such as "meadow"; see `thalweg.world.banks.read_banks`.
     `world_seeds` is a list of seeds, a `range`, or a text such as "0 5 1000:1016". With `rivers="fixed"` environment i
     stays in river i modulo their number; with "episode" each episode is flown in a random one.
 
     Further options are fields of `EnvConfig`; raises `UnknownOptionError`, a `ConfigError` and a `TypeError`, for an
     unknown one, and lists the known.
     """
-    arguments = ("num_envs", "worlds", "world_seeds", "rivers", "renderer", "autoreset_mode", "render_mode", "config")
+    arguments = (
+        "num_envs",
+        "worlds",
+        "world_seeds",
+        "banks",
+        "rivers",
+        "renderer",
+        "autoreset_mode",
+        "render_mode",
+        "config",
+    )
     config = _with_options(config, options, arguments)
+    level = _on_banks(level, banks, worlds)
     if rivers not in ("fixed", "episode"):
         raise ConfigError(f"rivers must be 'fixed' or 'episode', not {rivers!r}")
     _start_compilation(config)
@@ -92,6 +108,7 @@ def make_tensors(
     *,
     worlds: World | Sequence[World] | None = None,
     world_seeds: Seeds | None = None,
+    banks: Any = None,
     device: str = "auto",
     config: EnvConfig = DEFAULT_CONFIG,
     **options: Any,
@@ -100,8 +117,9 @@ def make_tensors(
     from thalweg.core.compute.device import resolve_device
     from thalweg.env.torch_env import TensorRiverEnv
 
-    arguments = ("num_envs", "worlds", "world_seeds", "device", "config")
+    arguments = ("num_envs", "worlds", "world_seeds", "banks", "device", "config")
     config, device = _with_options(config, options, arguments), resolve_device(device)
+    level = _on_banks(level, banks, worlds)
     if device == "cpu":
         _start_compilation(config)
     given = [worlds] if isinstance(worlds, World) else worlds
@@ -140,6 +158,20 @@ def _worlds(level: str, worlds: Sequence[World] | None, seeds: Sequence[int] | N
     if seeds is None:
         seeds = [level_named(level).default_seed]
     return [load_or_build(level, seed) for seed in seeds]
+
+
+def _on_banks(level: str, banks: Any, worlds: Any) -> str:
+    """Return the name of the level with other banks, if some are asked for.
+
+    Raises `ConfigError` for banks beside given worlds, and `WorldError` for an unknown kind.
+    """
+    if banks is None:
+        return level
+    if worlds is not None:
+        raise ConfigError("give either worlds or banks, not both: a world has its banks already")
+    from thalweg.world.levels import on_banks
+
+    return on_banks(level, banks)
 
 
 def _seeds(given: Any) -> tuple[int, ...]:

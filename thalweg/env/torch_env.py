@@ -24,7 +24,7 @@ from thalweg.env.device.memory import bytes_per_env, check_memory, free_bytes
 from thalweg.env.device.observer import BUFFERS, TensorObserver
 from thalweg.env.device.pushed_step import advance_pushed_all
 from thalweg.env.device.step import advance_all, reset_arguments
-from thalweg.env.forces.arrays import ForceState, empty_forces, force_numbers, has_forces
+from thalweg.env.forces.arrays import ForceState, empty_forces, force_numbers
 from thalweg.env.forces.of_many import PREFIX, write_winds
 from thalweg.env.initial_poses import random_start
 from thalweg.env.rivers.river_list import RiverList
@@ -108,7 +108,7 @@ class TensorRiverEnv:
         counters["ended"] = np.ones(self.num_envs, np.uint8)
         if "proprioception" in self.config.parts:
             counters["last_pose"], counters["last_action"] = no_last_step(self.num_envs)
-        pushed = has_forces(self.config)
+        pushed = self.config.has_forces
         force = empty_forces(self.num_envs)._asdict() if pushed else {}
         force = {PREFIX + name: values for name, values in force.items()}
         tensor, array = self._launcher.tensor, self._launcher.array

@@ -16,7 +16,6 @@ from thalweg.core.notices import notice
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, PluginEncoder, check_render_version, encoder_plugin, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
-from thalweg.env.forces.arrays import has_forces
 from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
@@ -152,6 +151,8 @@ class RiverTraining:
             ground: dict[str, Any] = {"river": self.river.as_data()}
         else:
             ground = {"level": names[0]} if len(names) == 1 else {"levels": names}
+        if any(level.banks for level in self.levels) or (isinstance(self.river, Reach) and self.river.banks):
+            ground["banks_version"] = versions.BANKS
         if self.changes_river:
             return {**ground, "world_seeds": compact_seeds(self.seeds), "rivers": "episode"}
         return {**ground, "world_seeds": list(self.seeds)}
@@ -272,7 +273,7 @@ class RiverTraining:
             about["task_plugin"] = plugin.as_data()
         if self.config.task_record.props and seen != PRIVILEGED:
             about["props_version"] = versions.PROPS
-        if has_forces(self.config):
+        if self.config.has_forces:
             about["forces_version"] = versions.FORCES
         if self.config.vehicle != "uav" and seen == PRIVILEGED:
             about["vehicles_version"] = versions.VEHICLES

@@ -7,10 +7,11 @@ import hashlib
 import math
 import operator
 import re
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 from thalweg.core.suggestion import did_you_mean
+from thalweg.world.banks import Banks, read_banks, text_of
 from thalweg.world.errors import WorldError
 from thalweg.world.validation import CLEARANCE_M, MAX_SAMPLES, MIN_LENGTH_M, MIN_SAMPLES
 
@@ -93,13 +94,17 @@ class Level:
     """Number of plants per area, relative to a dense forest."""
     default_seed: int
     """Seed of the level's fixed river."""
+    banks: Banks = ()
+    """Reaches whose banks are not forest, as `thalweg.world.banks.read_banks` takes them. They stand in the name too,
+    such as `Medium+meadow`, and change no course."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not NAME.fullmatch(self.name):
+        object.__setattr__(self, "banks", read_banks(self.banks))
+        if not isinstance(self.name, str) or not NAME.fullmatch(self.base_name):
             raise WorldError(
                 f"level {self.name!r}: name must be letters, digits, spaces and . + - _, not {self.name!r}"
             )
-        for field in fields(self)[1:]:
+        for field in fields(self)[1:-1]:
             value, limits = getattr(self, field.name), LIMITS[field.name]
             parsed = parse_pair(value, limits) if limits.pair else parse_number(value, limits)
             if parsed is None:
@@ -109,12 +114,28 @@ class Level:
             raise WorldError(
                 f"level {self.name!r}: width_m must differ by at least {MIN_WIDTH_RANGE_M} m, not {self.width_m}"
             )
+        object.__setattr__(self, "name", self.base_name + self._suffix)
+
+    @property
+    def base_name(self) -> str:
+        """Name of the level with banks of forest."""
+        return self.name.removesuffix(self._suffix) if self.banks else self.name
+
+    @property
+    def _suffix(self) -> str:
+        return f"+{text_of(self.banks)}" if self.banks else ""
 
     @property
     def key(self) -> int:
-        """A 64-bit hash of all the data except the default seed."""
-        data = repr(astuple(self)[:-1]).encode()
+        """A 64-bit hash of all the data except the default seed and the banks: levels that differ in those alone have
+        the same courses."""
+        names = [field.name for field in fields(self) if field.name not in ("name", "default_seed", "banks")]
+        data = repr((self.base_name, *(getattr(self, name) for name in names))).encode()
         return int.from_bytes(hashlib.sha256(data).digest()[:8], "little")
+
+    def with_banks(self, banks: Any) -> "Level":
+        """Return the level with banks that `thalweg.world.banks.read_banks` takes, such as "meadow"."""
+        return replace(self, name=self.base_name, banks=read_banks(banks))
 
 
 def parse_number(value: Any, limits: Limits) -> int | float | None:
@@ -212,10 +233,19 @@ ALL_LEVELS: dict[str, Level] = LEVELS | DEEP_LEVELS
 
 
 def level_named(name: str) -> Level:
-    """Return the level with that name, in any case; raises `WorldError` that lists the known levels."""
+    """Return the level with that name, in any case; raises `WorldError` that lists the known levels.
+
+    Kinds of banks may follow, such as `Medium+meadow` or `Hard+reeds+quay_120-180_left`.
+    """
     if not isinstance(name, str):
         raise WorldError(f"a level is a name or a Level, not {name!r}; known: {', '.join(ALL_LEVELS)}")
+    base, plus, banks = name.partition("+")
     for known, level in ALL_LEVELS.items():
-        if known.lower() == name.lower():
-            return level
-    raise WorldError(f"unknown level {name!r}{did_you_mean(name, ALL_LEVELS)}; known: {', '.join(ALL_LEVELS)}")
+        if known.lower() == base.strip().lower():
+            return level.with_banks(banks) if plus else level
+    raise WorldError(f"unknown level {base!r}{did_you_mean(base, ALL_LEVELS)}; known: {', '.join(ALL_LEVELS)}")
+
+
+def on_banks(level: str, banks: Any) -> str:
+    """Return the name of a level with banks in place of its own; raises `WorldError` for an unknown level or kind."""
+    return level_named(level).with_banks(banks).name

@@ -227,13 +227,20 @@ def _draw_scale_and_north(axes, world: World, box: tuple[float, float, float, fl
     axes.set_ylim(south, north)
 
 
+def short_name(world: World) -> str:
+    """Return the name of a world, with the kinds of its banks alone where it names reaches, which would be too long."""
+    base, plus, _ = world.name.partition("+")
+    kinds = list(dict.fromkeys(reach.kind for reach in world.banks))
+    return "+".join([base, *kinds]) if plus and kinds else world.name
+
+
 def _write_title(figure: Figure, world: World, height: float, width: float, point: float) -> None:
     """Write the name, seed and figures of the course; on a narrow map the figures go under the name."""
     river = world.river
     shape = "loop" if river.closed else "open course"
     narrow = width < 1000.0 * point
     size = min(1.0, width / (880.0 * point)) * point
-    name = f"{world.name}, seed {world.seed}"
+    name = f"{short_name(world)}, seed {world.seed}"
     facts = (
         f"{shape} of {river.length_m:.1f} m, N = {river.segments}, "
         f"width {river.width_m.min():.1f} to {river.width_m.max():.1f} m, "

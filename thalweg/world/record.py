@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from thalweg.world.banks import Banks
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -105,6 +107,8 @@ class World:
     """Direction towards the sun in radians."""
     sun_elevation: float
     """Height of the sun in radians."""
+    banks: Banks = ()
+    """Reaches whose banks are not forest; the maps and plants show them already."""
 
     def __repr__(self) -> str:
         river = self.river
@@ -124,7 +128,7 @@ class World:
         # Bound in `thalweg/world/__init__.py`, so that the record imports nothing that builds, lights or stores worlds.
         @staticmethod
         def from_centerline(
-            points: np.ndarray, closed: bool = True, *, seed: int = 0, plants: bool = True
+            points: np.ndarray, closed: bool = True, *, seed: int = 0, plants: bool = True, banks: Any = ()
         ) -> "World": ...
 
         @staticmethod
@@ -137,6 +141,7 @@ class World:
             smooth_m: float = 0.0,
             seed: int = 0,
             plants: bool = True,
+            banks: Any = (),
         ) -> "World": ...
 
         @staticmethod

@@ -7,7 +7,6 @@ import pytest
 from tests.env.winds import wind_of
 from thalweg.core.config import parse_config
 from thalweg.env import ConfigError, EnvConfig
-from thalweg.env.forces.arrays import has_forces
 from thalweg.env.forces.options import ForceOptions
 from thalweg.env.physics.inertia import Inertia
 
@@ -29,7 +28,7 @@ def test_options_are_those_of_the_config():
 
 @pytest.mark.parametrize("options", [ForceOptions(), WINDY, DRIVEN, ForceOptions(current_m_per_s=(0.0, 0.0))])
 def test_it_is_said_whether_anything_pushes(options: ForceOptions):
-    assert options.push == has_forces(options.applied(EnvConfig()))
+    assert options.push == options.applied(EnvConfig()).has_forces
 
 
 @pytest.mark.parametrize("options", [ForceOptions(), WINDY, DRIVEN])

@@ -48,6 +48,19 @@ def test_an_unknown_river_is_named_with_those_that_there_are():
         Rivers().world("Eazy", None)
 
 
+def test_a_level_may_have_other_banks():
+    rivers = Rivers()
+    rivers.check("Easy+meadow")
+    rivers.check("Hard+reeds+quay_10-50_left")
+    for name, message in (
+        ("Easy+lawn", r"unknown kind 'lawn'.*; known: forest, meadow, reeds, quay"),
+        ("Easy+", r"unknown river 'Easy\+'"),
+        ("Eazy+meadow", r"unknown river 'Eazy\+meadow'"),
+    ):
+        with pytest.raises(ViewerError, match=message):
+            rivers.check(name)
+
+
 def test_a_river_is_built_once_and_the_fixed_one_is_that_of_its_level():
     rivers = Rivers()
     assert rivers.world("Easy", None) is rivers.world("Easy", None)

@@ -8,6 +8,7 @@ import pytest
 
 from tests.world.lines import circle, course
 from thalweg.world import Plants, River, World, WorldFileError
+from thalweg.world.banks import read_banks
 from thalweg.world.record import FORMAT
 from thalweg.world.species import KINDS
 from thalweg.world.store.npz import MAPS, RIVER
@@ -51,6 +52,27 @@ def test_the_same_world_gives_the_same_bytes(world, tmp_path):
     world.save(tmp_path / "a.npz")
     world.save(tmp_path / "b.npz")
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+
+
+def test_banks_survive_and_a_world_of_forest_has_none_in_its_file(world, tmp_path):
+    banks = read_banks("meadow+quay_1-2_left")
+    replace(world, banks=banks).save(tmp_path / "banks.npz")
+    world.save(tmp_path / "forest.npz")
+    assert World.load(tmp_path / "banks.npz").banks == banks
+    assert World.load(tmp_path / "forest.npz").banks == ()
+    with np.load(tmp_path / "forest.npz") as stored:
+        assert "banks" not in json.loads(str(stored["about"]))
+        assert not any("banks" in name for name in stored.files)
+
+
+def test_unknown_banks_in_a_file_are_refused_by_path(world, tmp_path):
+    world.save(tmp_path / "w.npz")
+    with np.load(tmp_path / "w.npz") as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    arrays["about"] = np.array(json.dumps(json.loads(str(arrays["about"])) | {"banks": [{"kind": "lawn"}]}))
+    np.savez(tmp_path / "w.npz", **arrays)
+    with pytest.raises(WorldFileError, match=r"w\.npz: banks: unknown kind 'lawn'"):
+        World.load(tmp_path / "w.npz")
 
 
 def test_an_interrupted_write_keeps_the_old_file(world, tmp_path, monkeypatch):

@@ -12,7 +12,7 @@ class NotFiniteError(ArithmeticError):
 
 
 class LimitWarning(UserWarning):
-    """Warning about a cost limit or multiplier that has no effect in this run."""
+    """Warning about a cost limit that nobody is known to hold, or a limit or multiplier without effect in this run."""
 
 
 def require_finite(**numbers: float) -> None:

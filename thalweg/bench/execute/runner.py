@@ -18,6 +18,7 @@ from rich.console import Console
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute.backend import Backend, RiverBackend
 from thalweg.bench.execute.executors import ExecutionContext, Executor, SerialExecutor, is_evaluated
+from thalweg.bench.execute.feasible import check_feasible
 from thalweg.bench.execute.filming import film_flights
 from thalweg.bench.report.report import Report, write_report
 from thalweg.bench.results.outdated import discard, is_current, prepare
@@ -75,10 +76,11 @@ def run_suite(
         only: Names of policies or runs to execute now, see `selected_runs`; all by default.
 
     Raises `ResultsError`, before anything runs, for a folder of another suite, and for a name in `only` that the suite
-    does not have.
+    does not have, and `ConfigError` for a task whose deadline nobody can meet.
     """
     console = console or Console()
     requested = selected_runs(suite, only)
+    check_feasible(suite, requested)
     claim(folder, suite)
     backend = backend or RiverBackend(suite)
     _warn_of_changed_sources(suite, folder, requested)

@@ -75,11 +75,6 @@ class Forces(NamedTuple):
     inertia: InertiaNumbers
 
 
-def has_forces(config: EnvConfig) -> bool:
-    """Return whether the vehicle of a config moves by anything but its own steps."""
-    return config.dynamics == "inertial" or config.wind is not None or config.current_m_per_s is not None
-
-
 def empty_forces(count: int) -> ForceState:
     """Return the force state of N episodes that have not started."""
     rows = lambda columns: np.zeros((count, columns))  # noqa: E731

@@ -7,7 +7,7 @@ import numpy as np
 
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
-from thalweg.env.forces.arrays import ForceState, empty_forces, force_numbers, has_forces
+from thalweg.env.forces.arrays import ForceState, empty_forces, force_numbers
 from thalweg.env.forces.step import step_pushed_all
 from thalweg.env.forces.weather import begin_weather, wind_now
 from thalweg.env.snapshot import StateError
@@ -22,7 +22,7 @@ class ForcesOfMany:
     """Steps N environments, under the forces of a config if it has any, and holds what these add to the state."""
 
     def __init__(self, config: EnvConfig, num_envs: int) -> None:
-        self.numbers = force_numbers(config) if has_forces(config) else None
+        self.numbers = force_numbers(config) if config.has_forces else None
         """None: nothing pushes, and steps are those of `thalweg.env.task.rules`."""
         self.state: ForceState = empty_forces(num_envs)
         self.horizontal = np.zeros((num_envs, 2))

@@ -47,5 +47,5 @@ class ForceOptions:
 
     @property
     def push(self) -> bool:
-        """Whether anything but its own steps moves a vehicle; `thalweg.env.forces.arrays.has_forces` of a config."""
+        """Whether anything but its own steps moves a vehicle; as `EnvConfig.has_forces`."""
         return self.dynamics == "inertial" or self.wind is not None or self.current_m_per_s is not None

@@ -58,4 +58,5 @@ def plan_bare(level: Level, seed: int) -> World:
         plants=Plants(three, none, none, none.astype(np.int16), none, three, two),
         sun_azimuth=0.0,
         sun_elevation=1.0,
+        banks=level.banks,
     )

@@ -96,5 +96,7 @@ class RiverList:
         digest = hashlib.sha256()
         for entry in self.entries:
             words = fingerprint(entry) if isinstance(entry, World) else (entry[0].key, entry[0].name, entry[1])
+            if not isinstance(entry, World) and entry[0].banks:
+                words = words, versions.BANKS
             digest.update(repr((words, versions.WORLD)).encode())
         return np.frombuffer(digest.digest()[:8], dtype=np.uint64).copy()

@@ -13,7 +13,8 @@ import numpy as np
 from thalweg.env.rivers.bare_river import plan_bare
 from thalweg.world import Level, WorldFileError
 from thalweg.world.generate import plants
-from thalweg.world.generate.build import PLANTS, TERRAIN
+from thalweg.world.generate.banks.lay import Valley, lay
+from thalweg.world.generate.build import BANKS, PLANTS, TERRAIN
 from thalweg.world.generate.plan import plan, random_stream
 from thalweg.world.generate.terrain import Relief, Terrain, build_terrain
 from thalweg.world.record import Grid, Plants, World
@@ -56,6 +57,12 @@ def sound(level: Level, seed: int) -> World:
         terrain.grid, terrain.ground_m, terrain.water_m, terrain.shore_m, terrain.keep_clear, level.plant_density,
         random_stream(level, seed, PLANTS),
     )  # fmt: skip
+    if level.banks:
+        unpainted = Valley(terrain, np.zeros((0, 0, 3), np.uint8), scattered)
+        terrain, _, scattered = lay(
+            unpainted, planned.river, planned.bridges, level.banks, level.plant_density,
+            random_stream(level, seed, BANKS),
+        )  # fmt: skip
     return _with_bed(plan_bare(level, seed), terrain, scattered)
 
 

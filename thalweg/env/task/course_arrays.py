@@ -16,8 +16,8 @@ import numpy as np
 import scipy
 
 from thalweg.env.config import EnvConfig
+from thalweg.env.task.deadlines import check_deadline, deadline
 from thalweg.env.task.priced.packing import buoys_of, haunts_of, reserves_of, swimmers_of
-from thalweg.env.tasks import Task
 from thalweg.env.vehicle.lanes import lanes_through
 from thalweg.env.vehicle.soundings import no_soundings, take_soundings
 from thalweg.world.discharge import relative_speed
@@ -109,10 +109,13 @@ class CourseArrays(NamedTuple):
 def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
     """Return the course arrays of a batch of worlds under a config.
 
-    Raises `thalweg.env.vehicle.boat.FitError` for a boat and a river that it does not fit.
+    Raises `thalweg.env.vehicle.boat.FitError` for a boat and a river that it does not fit, and `ConfigError` for a
+    deadline that nobody can meet.
     """
     if not worlds:
         raise ValueError("at least one world is needed")
+    for world in worlds:
+        check_deadline(world, config)
     rivers = [world.river for world in worlds]
     hulls = [grown_hull(row, config.body_m) for world in worlds for row in world.bridges]
     island_arcs = [nearest_arcs(world.river, np.asarray(world.islands)[:, :2]) for world in worlds]
@@ -179,18 +182,10 @@ def step_limit(world: World, config: EnvConfig) -> int:
 
     for level in ALL_LEVELS.values():
         similar = abs(world.river.length_m - level.length_m) <= LEVEL_LENGTH_SHARE * level.length_m
-        if world.name.lower() == level.name.lower() and similar:
+        # Behind a plus sign, a name says which banks the river has.
+        if world.name.partition("+")[0].lower() == level.name.lower() and similar:
             return LEVEL_MAX_STEPS
     return math.ceil(STEPS_PER_METRE * world.river.length_m)
-
-
-def deadline(task: Task, river: River) -> int:
-    """Return the deadline of a task in steps: its share of the way at one metre a step.
-
-    The way is the whole course; of a loop with a station it is half, which is as far as a station is.
-    """
-    way_m = 0.5 * river.length_m if task.portage and river.closed else river.length_m
-    return math.ceil(task.deadline_steps_per_m * way_m)
 
 
 def grown_hull(row: np.ndarray, body_m: float) -> tuple[np.ndarray, np.ndarray]:

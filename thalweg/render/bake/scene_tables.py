@@ -57,6 +57,7 @@ from thalweg.render.records.layout import (
     PLANT_COLUMNS,
     PLANT_FROM,
     PLANT_TO,
+    QUAY_SLOPE,
     SHADE_AT,
     SKY_AT,
     SKY_RADIANCE,
@@ -71,6 +72,7 @@ from thalweg.render.records.layout import (
     TOP_STEP,
 )
 from thalweg.render.records.scene import Scene
+from thalweg.world.banks import has_kind, quay_slope
 from thalweg.world.record import World
 from thalweg.world.species import KINDS
 
@@ -128,6 +130,7 @@ def build_scene(worlds: Sequence[World]) -> Scene:
         constant[[ORIGIN_X, ORIGIN_Y, INV_CELL]] = world.grid.origin_x_m, world.grid.origin_y_m, 1 / world.grid.cell_m
         constant[[SUN_X, SUN_Y, SUN_Z]] = sun
         constant[[FOG_R, FOG_G, FOG_B]] = sky.haze(sun)
+        constant[QUAY_SLOPE] = quay_slope(world.grid.cell_m) if has_kind(world.banks, "quay") else 0.0
         constant[[SUN_EAST, SUN_NORTH]] = np.cos(world.sun_azimuth), np.sin(world.sun_azimuth)
     return Scene(
         extents=extents,

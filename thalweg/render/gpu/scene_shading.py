@@ -6,7 +6,7 @@ from numba import cuda, float32, int32, uint8
 from thalweg.core.compute.jit import kernel
 from thalweg.render.gpu.pixel_records import empty_mirrored, empty_points, empty_surface
 from thalweg.render.kernels.camera_rays import hit_points, map_origin, place_of, row_step
-from thalweg.render.kernels.shading import ground, reduced_quality, sky, water
+from thalweg.render.kernels.shading import ground, quay, reduced_quality, sky, water
 from thalweg.render.kernels.shading.shore import covered_share, water_shares
 from thalweg.render.records import classes, layout
 
@@ -50,6 +50,8 @@ def shade_background(scene, view, kind, reduced, r, c, depth, out):
             reduced_quality.shade_ground(scene, view, points, pixel, out, 1)
         else:
             ground.shade_ground(scene, view, points, pixel, out, 1)
+        if scene.constants[view.world, layout.QUAY_SLOPE] > f32(0):
+            quay.shade_quays(scene, view, points, pixel, out, 1)
         red += (f32(1) - wet) * out.red[0]
         green += (f32(1) - wet) * out.green[0]
         blue += (f32(1) - wet) * out.blue[0]

@@ -31,7 +31,9 @@ EXTENT_COLUMNS = PAINT_AT + PAINT_LEVELS
 # Columns of Scene.constants. Of top and depth: the metres that code 0 stands for, and those from one code to the next.
 ORIGIN_X, ORIGIN_Y, INV_CELL, TOP_MAX, SUN_X, SUN_Y, SUN_Z, FOG_R, FOG_G, FOG_B, SUN_EAST, SUN_NORTH = range(12)
 TOP_BASE, TOP_STEP, DEPTH_BASE, DEPTH_STEP = range(12, 16)
-CONSTANT_COLUMNS = 16
+QUAY_SLOPE = 16
+"""Slope of the walls of quays, 0 in a world without any."""
+CONSTANT_COLUMNS = 17
 # Columns of Scene.plants: foot in metres, height, half width, kind, tint, share of sun at foot and top, rank in 0..1.
 P_X, P_Y, P_Z, P_HEIGHT, P_HALF, P_KIND, P_R, P_G, P_B, P_LOW, P_HIGH, P_RANK = range(12)
 PLANT_COLUMNS = 12

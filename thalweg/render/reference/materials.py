@@ -12,6 +12,8 @@ from thalweg.render.kernels.shading import clouds as cloud_shading
 from thalweg.render.kernels.shading import ground, mirror, water, water_optics
 from thalweg.render.records import appearance, layout
 from thalweg.render.reference import bridge as reference_bridge
+from thalweg.render.reference import quay
+from thalweg.world.banks import has_kind
 from thalweg.world.record import World
 
 
@@ -92,7 +94,16 @@ class Materials:
         flecks = np.clip(sun + 4 * ground.DAPPLE * sun * (1 - sun) * patch, 0, 1)
         grain = np.maximum((1 + ground.GRAIN_DEPTH * fine) * (1 + ground.PATCH_DEPTH * patch), 0.2)
         grain *= (ground.SKY_SHARE + flecks) / (ground.SKY_SHARE + sun)
-        return bilinear(self.lit, x, y) * grain[..., None]
+        radiance = bilinear(self.lit, x, y) * grain[..., None]
+        return quay.over_ground(self, radiance, x, y) if has_kind(self.world.banks, "quay") else radiance
+
+    def grain(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return the grain [K] of unit deviation about 0 at texel coordinates of its tile."""
+        return (repeating(self.tile, x, y)[..., 3] - 0.5) / ripples.GRAIN_SPREAD
+
+    def sunlit(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return the share [K] of the sun at node coordinates."""
+        return bilinear(self.share, x, y)
 
     def water(self, point: np.ndarray, sight: np.ndarray, time_s: float) -> np.ndarray:
         """Return the radiance [K, 3] of the water at points [K, 3] (world metres) in directions of sight [K, 3]."""

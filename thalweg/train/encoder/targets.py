@@ -5,7 +5,6 @@ in the views of another. Letters: K views, P objects, T quantities.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -132,16 +131,17 @@ def any_in_image(camera: Camera, poses: np.ndarray, props: np.ndarray) -> np.nda
     along = spans[props[..., KIND].astype(np.int64)]
     direction = np.stack([np.cos(props[..., YAW]), np.sin(props[..., YAW]), np.zeros(props.shape[:2])], axis=-1)
     points = props[..., None, X : Z + 1] + along[..., None] * direction[..., None, :]
-    return in_image(camera, poses, points.reshape(len(poses), -1, 3)).reshape(along.shape).any(axis=-1)
+    seen = in_image(camera, poses, points.reshape(len(poses), -1, 3)).reshape(along.shape)
+    return np.logical_or.reduce(seen, axis=-1)
 
 
 def in_image(camera: Camera, poses: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return whether points [K, P, 3] lie in the images of a camera at poses [K, 4], as [K, P] bool."""
     matrices = camera.camera_matrices(poses)
     local = np.einsum("kij,kpj->kpi", matrices.R, points.astype(np.float64)) + matrices.t[:, None]
-    image: Any = np.einsum("kij,kpj->kpi", matrices.K, local)
-    depth: Any = np.where(image[..., 2] > camera.near_m, image[..., 2], np.nan)  # NaN is in no image
+    column, row, depth = np.moveaxis(np.einsum("kij,kpj->kpi", matrices.K, local), -1, 0)
+    depth = np.where(depth > camera.near_m, depth, np.nan)  # NaN is in no image
     # A pixel with the centre k reaches from k - 0.5 to k + 0.5.
-    beside: Any = np.abs(image[..., 0] / depth - 0.5 * (camera.width_px - 1)) <= 0.5 * camera.width_px
-    above = np.abs(image[..., 1] / depth - 0.5 * (camera.height_px - 1)) <= 0.5 * camera.height_px
+    beside = np.abs(column / depth - 0.5 * (camera.width_px - 1)) <= 0.5 * camera.width_px
+    above = np.abs(row / depth - 0.5 * (camera.height_px - 1)) <= 0.5 * camera.height_px
     return beside & above

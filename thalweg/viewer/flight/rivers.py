@@ -6,7 +6,7 @@ from threading import Lock
 
 from thalweg.core.suggestion import did_you_mean
 from thalweg.viewer.errors import ViewerError
-from thalweg.world import Reach, World, level_named, load_or_build
+from thalweg.world import Reach, World, WorldError, level_named, load_or_build
 
 KEPT = 4
 """Rivers in memory, some 100 MB each."""
@@ -31,10 +31,7 @@ class Rivers:
 
     def check(self, name: str) -> None:
         """Raise `ViewerError`, which lists the rivers, for a name that is not among them."""
-        if name not in self._build:
-            raise ViewerError(
-                f"unknown river {name!r}{did_you_mean(name, self._build)}; known: {', '.join(self._build)}"
-            )
+        self._builder(name)
 
     def world(self, name: str, seed: int | None) -> World:
         """Return a river; the errors are those of `check` and of the river's making."""
@@ -42,11 +39,23 @@ class Rivers:
         with self._lock:
             key = name, seed
             if key not in self._kept:
-                self._kept[key] = self._build[name](seed)
+                self._kept[key] = self._builder(name)(seed)
                 while len(self._kept) > KEPT:
                     self._kept.popitem(last=False)
             self._kept.move_to_end(key)
             return self._kept[key]
+
+    def _builder(self, name: str) -> Callable[[int | None], World]:
+        """Return what builds a river; that of a level may have other banks, such as Medium+meadow."""
+        level, _, banks = name.partition("+")
+        if name in self._build:
+            return self._build[name]
+        if banks and level in self._build:
+            try:
+                return _level(name)
+            except WorldError as reason:
+                raise ViewerError(str(reason)) from None
+        raise ViewerError(f"unknown river {name!r}{did_you_mean(name, self._build)}; known: {', '.join(self._build)}")
 
 
 def _level(name: str) -> Callable[[int | None], World]:

@@ -5,8 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from thalweg.world.banks import Banks, check_banks
 from thalweg.world.errors import WorldError
 from thalweg.world.generate import plants, surface
+from thalweg.world.generate.banks.lay import Valley, lay
 from thalweg.world.generate.memory import check_memory
 from thalweg.world.generate.plan import plan, random_stream
 from thalweg.world.generate.terrain import Relief, Terrain, build_terrain
@@ -16,7 +18,7 @@ from thalweg.world.record import Plants, River, World
 
 SUN_ELEVATION = np.radians(55.0)
 """Elevation of the sun in the original environment; the azimuth depends on the seed."""
-TERRAIN, PAINT, PLANTS, SUN = 0, 1, 2, 3
+TERRAIN, PAINT, PLANTS, SUN, BANKS = 0, 1, 2, 3, 4
 """Numbers of the random streams of the steps after the plan."""
 
 
@@ -43,6 +45,7 @@ def build(level: Level | str, seed: int | None = None) -> World:
     """
     level, seed = resolve_level(level, seed)
     planned = plan(level, seed)
+    check_banks(level.banks, planned.river.length_m, planned.river.closed)
     check_memory(planned.river.position_m, level.plant_density)
     relief = Relief(hills_m=level.hills_m, cut_banks=level.cut_banks)
     terrain = build_terrain(
@@ -56,7 +59,8 @@ def build(level: Level | str, seed: int | None = None) -> World:
         bridges=planned.bridges,
         terrain=terrain,
         plant_density=level.plant_density,
-        streams=[random_stream(level, seed, purpose) for purpose in (PAINT, PLANTS, SUN)],
+        streams=[random_stream(level, seed, purpose) for purpose in (PAINT, PLANTS, SUN, BANKS)],
+        banks=level.banks,
     )
 
 
@@ -70,12 +74,17 @@ def finish_world(
     terrain: Terrain,
     plant_density: float,
     streams: Sequence[np.random.Generator],
+    banks: Banks = (),
 ) -> World:
-    """Return the world on a bare terrain: adds paint, plants and light, from three streams of random numbers."""
-    paint_rng, plants_rng, sun_rng = streams
+    """Return the world on a bare terrain: adds paint, plants, banks and light, from four streams of random numbers."""
+    paint_rng, plants_rng, sun_rng, banks_rng = streams
     maps = terrain.grid, terrain.ground_m, terrain.water_m
     albedo = surface.paint(*maps, terrain.shore_m, paint_rng)
     scattered = plants.scatter(*maps, terrain.shore_m, terrain.keep_clear, plant_density, plants_rng)
+    if banks:
+        valley = Valley(terrain, albedo, scattered)
+        terrain, albedo, scattered = lay(valley, river, bridges, banks, plant_density, banks_rng)
+        maps = terrain.grid, terrain.ground_m, terrain.water_m
     azimuth = float(sun_rng.uniform(0, 2 * np.pi))
     baked = light.bake(*maps, scattered, bridges, azimuth, SUN_ELEVATION)
     lit = Plants(
@@ -103,4 +112,5 @@ def finish_world(
         plants=lit,
         sun_azimuth=azimuth,
         sun_elevation=float(SUN_ELEVATION),
+        banks=banks,
     )

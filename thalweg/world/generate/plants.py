@@ -81,11 +81,11 @@ def scatter(
     if level_density < 0.0:
         raise ValueError(f"level_density must not be negative, but is {level_density}")
     if level_density == 0.0:
-        return _concatenate([])
+        return concatenate([])
     edge = forest_edge_m(grid, shore_m.shape)
     site = Site(grid, ground_m, water_m, shore_m, shore_m - edge, ~keep_clear)
     close = 1.0 / np.sqrt(level_density)
-    return _concatenate(
+    return concatenate(
         [_trees(site, close, rng), _shrubs(site, close, rng), _reeds(site, close, rng), _rocks(site, close, rng)]
     )
 
@@ -94,14 +94,14 @@ def _trees(site: Site, close: float, rng: np.random.Generator) -> Plants:
     """Return dense rows behind the edge and wider spaced trees inside, in stands of pines and of broad-leaved trees."""
     depth = smooth_step(0.75 * DENSE_FRONT_M, 1.25 * DENSE_FRONT_M, site.inside_m)
     spacing = close * (SPACING_M["front"] + (SPACING_M["deep"] - SPACING_M["front"]) * depth)
-    xy = _poisson_disk(site, np.where(site.open & (site.inside_m > 0.0), spacing, 0.0), rng)
+    xy = poisson_disk(site, np.where(site.open & (site.inside_m > 0.0), spacing, 0.0), rng)
     stand, within = _noise(site, 30.0, 2, rng), _noise(site, 12.0, 2, rng)
     conifer = site.at(stand, xy) + 0.6 * rng.standard_normal(len(xy)) > 0.15
     other = site.at(within, xy) + 0.8 * rng.standard_normal(len(xy)) > 0.45
     species = np.where(conifer, np.where(other, "fir", "pine"), np.where(other, "birch", "oak"))
     first_row = site.at(site.inside_m, xy) < 2.8
     young = np.where(first_row & (rng.random(len(xy)) < YOUNG_SHARE), 0.62 + 0.12 * rng.random(len(xy)), 1.0)
-    return _make_plants(site, xy, _random_kinds("tree", species, rng), young, rng)
+    return make_plants(site, xy, _random_kinds("tree", species, rng), young, rng)
 
 
 def _shrubs(site: Site, close: float, rng: np.random.Generator) -> Plants:
@@ -109,9 +109,9 @@ def _shrubs(site: Site, close: float, rng: np.random.Generator) -> Plants:
     thicket = smooth_step(-0.8, 0.6, _noise(site, 9.0, 3, rng))
     near = smooth_step(-2.6, -0.4, site.inside_m) * smooth_step(-7.0, -2.5, -site.inside_m)
     share = thicket * near + 0.08 * smooth_step(-4.0, -2.0, site.inside_m) * smooth_step(-22.0, -12.0, -site.inside_m)
-    xy = _poisson_disk(site, np.where(site.open & (site.shore_m > 1.2), close * SPACING_M["shrub"], 0.0), rng)
+    xy = poisson_disk(site, np.where(site.open & (site.shore_m > 1.2), close * SPACING_M["shrub"], 0.0), rng)
     xy = xy[rng.random(len(xy)) < site.at(share, xy)]
-    return _make_plants(site, xy, _random_kinds("shrub", None, rng, len(xy)), np.ones(len(xy)), rng)
+    return make_plants(site, xy, _random_kinds("shrub", None, rng, len(xy)), np.ones(len(xy)), rng)
 
 
 def _reeds(site: Site, close: float, rng: np.random.Generator) -> Plants:
@@ -120,11 +120,11 @@ def _reeds(site: Site, close: float, rng: np.random.Generator) -> Plants:
     wet = (site.shore_m > -REED_REACH_M) & (site.shore_m < 0.8) & (site.water_m - site.ground_m < REED_DEPTH_M)
     bank = (site.shore_m > 1.5) & (site.inside_m < 2.0)
     tuft = smooth_step(0.3, 1.8, _noise(site, 4.0, 3, rng)) * smooth_step(2.0, 5.5, site.shore_m)
-    xy = _poisson_disk(site, np.where(site.open & (wet | bank), close * SPACING_M["reed"], 0.0), rng)
+    xy = poisson_disk(site, np.where(site.open & (wet | bank), close * SPACING_M["reed"], 0.0), rng)
     share = np.where(wet, 0.6 * clump, np.where(bank, 0.40 * tuft, 0.0))
     xy = xy[rng.random(len(xy)) < site.at(share, xy)]
     species = np.where(site.at(wet, xy) & (rng.random(len(xy)) < 0.9), "reed", "grass")
-    return _make_plants(site, xy, _random_kinds("reed", species, rng), np.ones(len(xy)), rng)
+    return make_plants(site, xy, _random_kinds("reed", species, rng), np.ones(len(xy)), rng)
 
 
 def _rocks(site: Site, close: float, rng: np.random.Generator) -> Plants:
@@ -132,9 +132,9 @@ def _rocks(site: Site, close: float, rng: np.random.Generator) -> Plants:
     group = smooth_step(0.9, 2.0, _noise(site, 8.0, 4, rng))
     near = smooth_step(-0.6, 0.1, site.shore_m) * smooth_step(-9.0, -2.0, -site.shore_m)
     where = site.open & (site.shore_m > -0.5) & (site.shore_m < 9.0)
-    xy = _poisson_disk(site, np.where(where, close * SPACING_M["rock"], 0.0), rng)
+    xy = poisson_disk(site, np.where(where, close * SPACING_M["rock"], 0.0), rng)
     xy = xy[rng.random(len(xy)) < site.at(0.010 + 0.33 * group, xy) * site.at(near, xy)]
-    return _make_plants(site, xy, _random_kinds("rock", None, rng, len(xy)), np.ones(len(xy)), rng, skew=2.5)
+    return make_plants(site, xy, _random_kinds("rock", None, rng, len(xy)), np.ones(len(xy)), rng, skew=2.5)
 
 
 def _noise(site: Site, wavelength_m: float, octaves: int, rng: np.random.Generator) -> np.ndarray:
@@ -155,7 +155,7 @@ def _random_kinds(group: str, species, rng: np.random.Generator, count: int = 0)
     return kind
 
 
-def _make_plants(
+def make_plants(
     site: Site, xy: np.ndarray, kind: np.ndarray, scale: np.ndarray, rng: np.random.Generator, skew: float = 1.0
 ) -> Plants:
     """Return plants at positions [K, 2] with random heights, widths, rotations and tints.
@@ -184,7 +184,7 @@ def _make_plants(
         tint=_tints(site, xy, rng),
         light=np.ones((count, 2), np.float32),
     )
-    return _select(plants, keep & ~(bound & _over_water(site, xy, 0.5 * plants.width_m)))
+    return select(plants, keep & ~(bound & _over_water(site, xy, 0.5 * plants.width_m)))
 
 
 def _over_water(site: Site, xy: np.ndarray, radius_m: np.ndarray) -> np.ndarray:
@@ -208,7 +208,7 @@ def _tints(site: Site, xy: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.exp(np.column_stack([bright + hue, bright, bright - hue])).astype(np.float32)
 
 
-def _poisson_disk(site: Site, spacing_m: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def poisson_disk(site: Site, spacing_m: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return [K, 2] random positions; each keeps the spacing [GY, GX] at it from all earlier ones.
 
     There are none where the spacing is 0.
@@ -259,12 +259,12 @@ def throw_darts(point, spacing, least, height, width):
     return accepted
 
 
-def _select(plants: Plants, keep: np.ndarray) -> Plants:
+def select(plants: Plants, keep: np.ndarray) -> Plants:
     """Return the plants where keep [M] bool is true."""
     return Plants(**{name: getattr(plants, name)[keep] for name in Plants.__dataclass_fields__})
 
 
-def _concatenate(groups: list[Plants]) -> Plants:
+def concatenate(groups: list[Plants]) -> Plants:
     """Return all plants of several groups in one record."""
     empty = Plants(
         position_m=np.zeros((0, 3), np.float32),

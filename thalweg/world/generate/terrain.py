@@ -251,7 +251,7 @@ def build_terrain(
         _raise_island(ground, water, depth, edge, grid, row)
     keep_clear = np.zeros(shape, bool)
     for row in bridge_rows:
-        _raise_causeway(ground, water, course_shore.edge_m, keep_clear, x, y, row)
+        raise_causeway(ground, water, course_shore.edge_m, keep_clear, x, y, row)
     return Terrain(grid, ground, water, edge, keep_clear)
 
 
@@ -281,7 +281,7 @@ def _raise_island(
     edge[at] = np.maximum(edge[at], np.where(wet, -gap, edge[at]))
 
 
-def _raise_causeway(
+def raise_causeway(
     ground: np.ndarray,
     water: np.ndarray,
     edge: np.ndarray,

@@ -1,10 +1,14 @@
 """Worlds from a custom line: the points are checked, resampled, and built like a generated river, with less in it."""
 
+from typing import Any
+
 import numpy as np
 
 from thalweg.world import geometry
 from thalweg.world import validation as checks
+from thalweg.world.banks import Banks, check_banks, read_banks
 from thalweg.world.errors import WorldError
+from thalweg.world.generate.banks.lay import Valley, lay
 from thalweg.world.generate.build import finish_world, resolve_level
 from thalweg.world.generate.hydrology import MAX_DEPTH_TO_WIDTH, make_river
 from thalweg.world.generate.memory import check_memory
@@ -131,7 +135,9 @@ def read_river(points: np.ndarray, closed: bool, plant_density: float) -> River:
     return river
 
 
-def from_centerline(points: np.ndarray, closed: bool = True, *, seed: int = 0, plants: bool = True) -> World:
+def from_centerline(
+    points: np.ndarray, closed: bool = True, *, seed: int = 0, plants: bool = True, banks: Any = ()
+) -> World:
     """Return the world around a line of x, y, water level and width in metres, without bridges and islands.
 
     Args:
@@ -139,23 +145,28 @@ def from_centerline(points: np.ndarray, closed: bool = True, *, seed: int = 0, p
         closed: Whether the last point is joined to the first. On an open line, the far end is the goal.
         seed: Seed of the land and the plants.
         plants: False leaves out plants and baked light, which is faster; for tests.
+        banks: Kinds of the banks, as `thalweg.world.banks.read_banks` takes them, such as "meadow".
 
     Raises `WorldError` for a line from which no safe river can be made, with the position and the limit.
     """
+    reaches = read_banks(banks)
     river = read_river(points, closed, float(plants))
-    return world_around(river, np.zeros((0, 5)), np.zeros((0, 11)), seed, plants=plants)
+    return world_around(river, np.zeros((0, 5)), np.zeros((0, 11)), seed, plants=plants, banks=reaches)
 
 
-def world_around(river: River, islands: np.ndarray, bridges: np.ndarray, seed: int, *, plants: bool) -> World:
+def world_around(
+    river: River, islands: np.ndarray, bridges: np.ndarray, seed: int, *, plants: bool, banks: Banks = ()
+) -> World:
     """Return the world around a valid river [S] with islands [I, 5] and bridges [B, 11].
 
-    Raises `WorldError` for an invalid seed.
+    Raises `WorldError` for an invalid seed, and for a reach of banks that is not on the course.
     """
     seed = resolve_level("Easy", seed)[1]
-    streams = [np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(seed).spawn(4)]
+    check_banks(banks, river.length_m, river.closed)
+    streams = [np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(seed).spawn(5)]
     terrain = build_terrain(river, islands, bridges, (), Relief(), streams[0])
     if not plants:
-        return bare_world(river, islands, bridges, terrain, seed)
+        return bare_world(river, islands, bridges, terrain, seed, banks, streams[4])
     return finish_world(
         name="custom",
         seed=seed,
@@ -165,11 +176,20 @@ def world_around(river: River, islands: np.ndarray, bridges: np.ndarray, seed: i
         terrain=terrain,
         plant_density=1.0,
         streams=streams[1:],
+        banks=banks,
     )
 
 
-def bare_world(river: River, islands: np.ndarray, bridges: np.ndarray, terrain: Terrain, seed: int) -> World:
-    """Return a world of sand and grass in uniform light, without plants."""
+def bare_world(
+    river: River,
+    islands: np.ndarray,
+    bridges: np.ndarray,
+    terrain: Terrain,
+    seed: int,
+    banks: Banks,
+    banks_rng: np.random.Generator,
+) -> World:
+    """Return a world of sand and grass, and of its other banks, in uniform light, without plants."""
     shape = terrain.ground_m.shape
     sandy = terrain.shore_m < 3.0
     albedo = np.where(sandy[..., None], np.array(SAND, np.uint8), np.array(GRASS, np.uint8))
@@ -183,6 +203,8 @@ def bare_world(river: River, islands: np.ndarray, bridges: np.ndarray, terrain: 
         none.copy(),
         np.zeros((0, 2), np.float32),
     )
+    if banks:
+        terrain, albedo, _ = lay(Valley(terrain, albedo, empty), river, bridges, banks, 0.0, banks_rng)
     return World(
         name="custom",
         seed=seed,
@@ -199,4 +221,5 @@ def bare_world(river: River, islands: np.ndarray, bridges: np.ndarray, terrain: 
         plants=empty,
         sun_azimuth=0.8,
         sun_elevation=float(np.radians(55.0)),
+        banks=banks,
     )

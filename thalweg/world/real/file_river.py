@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from thalweg.world import validation as checks
+from thalweg.world.banks import Banks, check_banks, read_banks, text_of
 from thalweg.world.errors import WorldError, WorldFileError
+from thalweg.world.real.bank_stretches import Stretch, placed, stretches_of
 from thalweg.world.real.centerline import read_river, world_around
 from thalweg.world.real.course import banks as bank_polygons
 from thalweg.world.real.course.drawing import Drawing, name_of, sort_features
@@ -37,6 +39,7 @@ class RiverPlan:
     name: str
     river: River
     solids: Solids
+    banks: Banks
     notes: tuple[str, ...]
     """Sentences about what was joined, turned, measured or left out."""
 
@@ -57,7 +60,8 @@ def from_file(path: str | Path, *, seed: int = 0, plants: bool = True, **options
     """
     selection = Selection(**options)
     plan = plan_file(path, selection)
-    world = world_around(plan.river, plan.solids.islands, plan.solids.bridges, seed, plants=plants)
+    solids = plan.solids
+    world = world_around(plan.river, solids.islands, solids.bridges, seed, plants=plants, banks=plan.banks)
     return replace(world, name=plan.name)
 
 
@@ -66,6 +70,7 @@ def plan_file(path: str | Path, selection: Selection) -> RiverPlan:
     selection.check_options()
     try:
         drawing = sort_features(read_features(Path(path), selection.crs), selection.river_name)
+        stretches = [stretch for way in drawing.ways for stretch in _stretches(way)]
         track, outlines, notes = _course(drawing, selection, Path(path).stem)
         is_complete = selection.start_m == 0.0 and selection.length_m is None
         closed = is_complete and bool(np.array_equal(track.degrees[0], track.degrees[-1]))
@@ -84,7 +89,9 @@ def plan_file(path: str | Path, selection: Selection) -> RiverPlan:
             checks.check_safe_poses(river, solids.islands, solids.bridges)
         except WorldError as reason:
             raise WorldError(f"{reason}; open_water leaves bridges and islands out") from None
-    return RiverPlan(track.name, river, solids, (*notes, *_of_solids(solids)))
+        banks = read_banks([placed(stretches, line.origin_deg, river), selection.banks or None])
+        check_banks(banks, river.length_m, river.closed)
+    return RiverPlan(track.name, river, solids, banks, (*notes, *_of_solids(solids), *_of_banks(banks)))
 
 
 def _at_least_four(points: np.ndarray) -> np.ndarray:
@@ -160,6 +167,11 @@ def _way(feature: Feature) -> Way:
     return Way(places, width, name_of(feature), feature.label)
 
 
+def _stretches(feature: Feature) -> list[Stretch]:
+    """Return the stretches whose kinds of banks a way names."""
+    return stretches_of(feature.rings[0][:, :2], feature.tags.get("banks"), feature.label)
+
+
 def _filled(stem: Stem, default_m: float | None) -> np.ndarray:
     """Return [K] widths, where there is none the default, or else that of the neighbours along the line."""
     width = stem.width_m
@@ -188,6 +200,11 @@ def _elevations(places: np.ndarray) -> np.ndarray | None:
             "none, or pass flat_water"
         )
     return np.ascontiguousarray(places[:, 2])
+
+
+def _of_banks(banks: Banks) -> list[str]:
+    """Return what to say about banks."""
+    return [f"banks: {text_of(banks)}"] if banks else []
 
 
 def _of_solids(solids: Solids) -> list[str]:

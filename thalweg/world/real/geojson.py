@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from thalweg.world.errors import WorldError
+from thalweg.world.real.bank_stretches import Stretch, stretches_of
 
 MAX_FILE_BYTES = 64_000_000
 """Maximum size of a file."""
@@ -44,6 +45,8 @@ class Track:
     """[K] float64."""
     elevation_m: np.ndarray | None
     """[K] float64, or None where the file gives none."""
+    stretches: tuple[Stretch, ...] = ()
+    """What the file says of the kinds of banks."""
 
 
 def read_track(path: Path, width_m: float | None) -> Track:
@@ -55,7 +58,8 @@ def read_track(path: Path, width_m: float | None) -> Track:
     positions = join_lines(geometry)
     degrees = np.array([position[:2] for position in positions], dtype=np.float64)
     widths = read_widths(properties, geometry["type"], len(positions), width_m)
-    return Track(read_name(properties, path.stem), degrees, widths, read_elevations(positions))
+    stretches = tuple(stretches_of(degrees, properties.get("banks"), "the line"))
+    return Track(read_name(properties, path.stem), degrees, widths, read_elevations(positions), stretches)
 
 
 def read_json(path: Path) -> Any:

@@ -10,16 +10,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
 
 from thalweg.world import geometry
 from thalweg.world import validation as checks
+from thalweg.world.banks import parse_banks, read_banks
 from thalweg.world.errors import ShapeError, WorldError, WorldFileError
 from thalweg.world.generate.terrain import check_area
 from thalweg.world.real import geodesy
-from thalweg.world.real.centerline import SPACING_M, from_centerline
+from thalweg.world.real.bank_stretches import Stretch, placed
+from thalweg.world.real.centerline import SPACING_M, read_river, world_around
 from thalweg.world.real.geojson import Track, read_track
 from thalweg.world.record import World
 
@@ -48,6 +51,8 @@ class Centerline:
     """Longitude and latitude of x = y = 0, the middle of the reach's bounding box."""
     datum_m: float
     """Elevation of z = 0: the lowest water of the reach, 0 where the file gives none."""
+    stretches: tuple[Stretch, ...] = ()
+    """What the file says of the kinds of banks."""
 
 
 def from_geojson(
@@ -59,6 +64,7 @@ def from_geojson(
     smooth_m: float = 0.0,
     seed: int = 0,
     plants: bool = True,
+    banks: Any = (),
 ) -> World:
     """Return the world around a real river's centre line: the only line of a GeoJSON file, in longitude and latitude.
 
@@ -71,14 +77,19 @@ def from_geojson(
         smooth_m: Standard deviation of a Gaussian along the line that rounds corners too tight to be flown.
         seed: Seed of the land and the plants.
         plants: False leaves out plants and baked light, which is faster; for tests.
+        banks: Kinds of the banks, as `thalweg.world.banks.read_banks` takes them, over those in the line's property
+            `banks`.
 
     The course runs in the order of the positions; x and y are metres from the middle of the reach, z from its lowest
     water. Raises `WorldFileError` for a file without exactly one such line or with one from which no safe river can be
     made, and `WorldError` for an argument out of its range.
     """
     line = read_centerline(path, width_m=width_m, start_m=start_m, length_m=length_m, smooth_m=smooth_m)
+    given = parse_banks(banks)
     with errors_naming(path, smooth_m):
-        world = from_centerline(line.points, line.closed, seed=seed, plants=plants)
+        river = read_river(line.points, line.closed, float(plants))
+        reaches = read_banks([placed(line.stretches, line.origin_deg, river), given])
+        world = world_around(river, np.zeros((0, 5)), np.zeros((0, 11)), seed, plants=plants, banks=reaches)
     return replace(world, name=line.name)
 
 
@@ -109,7 +120,7 @@ def read_centerline(
         is_complete = start_m == 0.0 and length_m is None
         closed = is_complete and bool(np.array_equal(track.degrees[0], track.degrees[-1]))
         reach = cut_reach(track, start_m, length_m)
-        return project(reach, closed, smooth_m)
+        return replace(project(reach, closed, smooth_m), stretches=track.stretches)
     except WorldError as reason:
         raise WorldFileError(f"{path}: {reason}") from None
     except RecursionError:

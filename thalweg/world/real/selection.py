@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+from thalweg.world.banks import parse_banks
 from thalweg.world.errors import WorldError
 from thalweg.world.real.geojson_river import check_options
 
@@ -29,6 +30,12 @@ class Selection:
     """Whether elevations in the file are ignored, so that the water is level."""
     open_water: bool = False
     """Whether bridges and islands in the file are left out."""
+    banks: str = ""
+    """Kinds of the banks as `thalweg.world.banks.read_banks` takes them, such as meadow, over those that the file
+    names. Texts, records and sequences of them are stored as one text."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "banks", "+".join(reach.text for reach in parse_banks(self.banks or None)))
 
     def check_options(self) -> None:
         """Raise `WorldError` for an option that is out of its range or not of its kind."""

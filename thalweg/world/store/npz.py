@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from thalweg.core.atomic_io import atomic_path
-from thalweg.world.errors import WorldFileError
+from thalweg.world.banks import as_data, read_banks
+from thalweg.world.errors import WorldError, WorldFileError
 from thalweg.world.record import FORMAT, Grid, Plants, River, World
 from thalweg.world.species import KINDS
 
@@ -36,6 +37,8 @@ def save(world: World, path: str | Path) -> None:
         "sun": [world.sun_azimuth, world.sun_elevation],
         "kinds": [kind.name for kind in KINDS],
     }
+    if world.banks:  # files of forest alone are the same bytes as before there were others
+        description["banks"] = as_data(world.banks)
     arrays = {"about": np.array(json.dumps(description, sort_keys=True))}
     arrays |= {f"river.{name}": getattr(world.river, name) for name in RIVER}
     arrays |= {f"plants.{field.name}": getattr(world.plants, field.name) for field in fields(Plants)}
@@ -73,7 +76,10 @@ def load(path: str | Path) -> World:
             plants=Plants(**{field.name: arrays[f"plants.{field.name}"] for field in fields(Plants)}),
             sun_azimuth=float(description["sun"][0]),
             sun_elevation=float(description["sun"][1]),
+            banks=read_banks(description.get("banks", ())),
         )
+    except WorldError as reason:
+        raise WorldFileError(f"{path}: {reason}") from None
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as reason:
         raise WorldFileError(f"{path}: its description is incomplete ({reason!r})") from None
     if kinds != (known := ", ".join(kind.name for kind in KINDS)):

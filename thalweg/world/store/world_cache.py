@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from thalweg.core.cache import PACKAGE, cache_dir, code_hash
+from thalweg.world.banks import text_of
 from thalweg.world.errors import WorldFileError
 from thalweg.world.generate.build import build, resolve_level
 from thalweg.world.levels import Level
@@ -75,7 +76,8 @@ def load_or_make(path: Path, make: Callable[[], World]) -> World:
 
 def cache_path(level: Level, seed: int) -> Path:
     """Return the path of a cached world: a readable name with a hash of level and seed."""
-    return named_path(level.name, seed, f"{level.key}-{seed}")
+    banks = f"-{text_of(level.banks)}" if level.banks else ""
+    return named_path(level.name, seed, f"{level.key}-{seed}{banks}")
 
 
 def named_path(name: str, seed: int, key: str) -> Path:

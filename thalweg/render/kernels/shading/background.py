@@ -12,7 +12,7 @@ from numba import int32, uint32
 
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import HitPoints, Radiance, hit_points, map_origin, place_of, row_step
-from thalweg.render.kernels.shading import ground, reduced_quality, sky, water
+from thalweg.render.kernels.shading import ground, quay, reduced_quality, sky, water
 from thalweg.render.kernels.shading.shore import DEEPEST_M, covered_share, water_shares
 from thalweg.render.kernels.terrain.heightfield_march import TILE
 from thalweg.render.records import layout
@@ -248,6 +248,8 @@ def shade_points(scene, view, what, reduced, points, pixel, work, out, n):
         water.shade_water(scene, view, points, pixel, work, out, n)
     else:
         ground.shade_ground(scene, view, points, pixel, out, n)
+    if what == GROUND and scene.constants[view.world, layout.QUAY_SLOPE] > f32(0):
+        quay.shade_quays(scene, view, points, pixel, out, n)
     # The sky map holds its own haze.
     if what != SKY:
         sky.add_haze(scene, view, points, out, n)

@@ -1,0 +1,104 @@
+"""Tests of the stone of quays: against the reference, and that worlds without quays pay nothing for it."""
+
+import numpy as np
+import pytest
+
+from tests.render.frames import psnr
+from thalweg.render import Camera, Renderer
+from thalweg.render.bake.scene_tables import build_scene
+from thalweg.render.records import layout
+from thalweg.render.records.classes import GROUND, PLANT, WATER
+from thalweg.render.reference import frame as reference
+from thalweg.world import World
+from thalweg.world.banks import QUAY_WALL_M, quay_run_m, quay_slope
+
+HALF_M = 4.0
+
+
+def straight(banks: str, seed: int = 0) -> World:
+    """A river of 60 m along the x axis without plants; the sun stands at 46 degrees from the east to the north."""
+    x = np.linspace(0.0, 60.0, 16)
+    line = np.stack([x, 0 * x, 0 * x, 0 * x + 2 * HALF_M], axis=1)
+    return World.from_centerline(line, False, seed=seed, plants=False, banks=banks)
+
+
+@pytest.fixture(scope="module")
+def quay() -> World:
+    return straight("quay")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pose", [(10.0, -1.0, 2.0, 0.5), (30.0, 1.5, 5.0, -0.9), (45.0, 0.0, 10.0, 2.5)])
+def test_the_kernel_agrees_with_the_reference(quay, pose):
+    camera = Camera(32, 32)
+    ours = Renderer([quay], camera).render_layers([pose])
+    truth = reference.draw(quay, np.array(pose), camera, samples=4)
+    assert psnr(ours.rgb[0], truth.rgb) > 22.0
+    assert np.mean(ours.mask[0] == truth.mask) > 0.98
+    assert np.mean(ours.class_id[0] == truth.class_id) > 0.95
+
+
+def test_only_a_world_with_a_quay_has_the_slope_of_its_wall(quay):
+    scene = build_scene([quay, straight("meadow"), straight("forest")])
+    slopes = scene.constants[:, layout.QUAY_SLOPE]
+    np.testing.assert_array_equal(slopes, np.array([quay_slope(0.25), 0.0, 0.0], np.float32))
+
+
+@pytest.mark.parametrize("quality", ["full", "fast"])
+def test_a_wall_in_the_sun_is_brighter_than_one_in_the_shade(quay, quality):
+    """From the middle of the river each camera looks at one wall, straight across."""
+    poses = [[30.0, 0.0, 1.2, yaw] for yaw in (-np.pi / 2, np.pi / 2)]
+    seen = Renderer([quay], Camera(64, 64), quality).render_layers(poses)
+    means = []
+    for colour, depth, kind, pose in zip(seen.rgb, seen.depth_m, seen.class_id, poses, strict=True):
+        height, distance = heights(depth, pose)
+        wall = (kind == GROUND) & (height > 0.5) & (height < 0.8)
+        assert wall.sum() > 50
+        assert distance[wall] == pytest.approx(np.full(wall.sum(), HALF_M + 0.5), abs=0.3)
+        means.append(colour[wall].mean())
+    # The sun stands in the north-east: the southern wall, which faces north, is lit.
+    assert means[0] > 1.3 * means[1]
+
+
+def heights(depth: np.ndarray, pose: list[float]) -> tuple[np.ndarray, np.ndarray]:
+    """Height [H, W] over the water of what a camera straight across the river sees, and its distance from the
+    middle."""
+    camera = Camera(*depth.shape)
+    rows = camera.half_height * (1 - 2 * (np.arange(depth.shape[0]) + 0.5) / depth.shape[0])
+    pitch = np.radians(camera.pitch_deg)
+    climb = (rows * np.cos(pitch) - np.sin(pitch))[:, None] * depth
+    return pose[2] + climb, (np.cos(pitch) + rows * np.sin(pitch))[:, None] * depth
+
+
+def test_courses_of_the_wall_show_from_near_and_fade_far_away(quay):
+    """Rows of the wall's pixels differ by joints and blocks; at sixty metres nothing of them is left."""
+    camera = Camera(128, 128)
+    near = Renderer([quay], camera).render_layers([[30.0, 1.0, 1.2, np.pi / 2]])
+    height, _ = heights(near.depth_m[0], [30.0, 1.0, 1.2, np.pi / 2])
+    wall = (near.class_id[0] == GROUND) & (height > 0.45) & (height < 0.85)
+    assert near.rgb[0][wall].mean(axis=1).std() > 3.0
+
+
+def test_a_quay_is_ground_and_the_water_before_it_water(quay):
+    seen = Renderer([quay], Camera(64, 64)).render_layers([[30.0, 0.0, 3.0, np.pi / 2]])
+    height, distance = heights(seen.depth_m[0], [30.0, 0.0, 3.0, np.pi / 2])
+    kind = seen.class_id[0]
+    assert (kind[(distance > 0) & (distance < HALF_M - 0.3)] == WATER).all()
+    run = quay_run_m(quay.grid.cell_m)
+    top = (distance > HALF_M + run + 0.4) & (distance < HALF_M + 4.0)
+    assert top.sum() > 50
+    assert (kind[top] == GROUND).all()
+    assert height[top] == pytest.approx(np.full(top.sum(), QUAY_WALL_M + 0.04), abs=0.06)
+
+
+@pytest.mark.slow
+def test_reeds_hide_the_edge_of_the_water_and_are_plants():
+    x = np.linspace(0.0, 60.0, 16)
+    line = np.stack([x, 0 * x, 0 * x, 0 * x + 2 * HALF_M], axis=1)
+    pose = [[30.0, 0.0, 2.0, np.pi / 2]]
+    seen = {}
+    for banks in ("forest", "reeds"):
+        world = World.from_centerline(line, False, seed=1, banks=banks)
+        seen[banks] = Renderer([world], Camera(64, 64)).render_layers(pose)
+    assert seen["reeds"].mask.mean() < seen["forest"].mask.mean()
+    assert (seen["reeds"].class_id == PLANT).mean() > (seen["forest"].class_id == PLANT).mean() + 0.05

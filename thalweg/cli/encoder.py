@@ -36,11 +36,13 @@ class EncoderTrain:
     images: Annotated[int | None, by_target("images")] = None
     """Training images; for geometry and water those of an epoch."""
     held_out: Annotated[int | None, by_target("held_out")] = None
-    """Further images, for measurement only; for geometry so many of flights and of starts."""
+    """Further images, for measurement only; for geometry so many of flights and of starts, in each task."""
     epochs: Annotated[int | None, by_target("epochs")] = None
     """Epochs of training."""
     views: Annotated[int | None, by_target("views")] = None
-    """For geometry only: stored views of each river, of flights."""
+    """For geometry only: stored views of each river and task, of flights."""
+    tasks: Annotated[tuple[str, ...], by_target("tasks")] = ()
+    """For geometry only: tasks whose views are learnt from; what a camera can tell of each is predicted too."""
     rivers_in_memory: int | None = None
     """For geometry only: greatest number of rivers in memory; derived from the free memory by default."""
     device: Annotated[str | None, by_target("device")] = None
@@ -62,7 +64,7 @@ class EncoderTrain:
         from thalweg.encoder import VAEConfig
         from thalweg.train.encoder.training import collect_and_train
 
-        if others := self._given("held_out_seeds", "views", "rivers_in_memory", "device"):
+        if others := self._given("held_out_seeds", "views", "tasks", "rivers_in_memory", "device"):
             option = f"--{next(iter(others)).replace('_', '-')}"
             targets = "geometry or water" if "held_out_seeds" in others else "geometry"
             raise UsageError(f"{option} is for --target {targets}: leave it out, or choose that target")
@@ -90,7 +92,7 @@ class EncoderTrain:
 
         river = ["river"] if self.river != NO_FILE else []
         changed = [name for name in ("inputs", "architecture") if getattr(self, name) != getattr(type(self), name)]
-        if others := [*self._given("latent", "views", "rivers_in_memory", "device"), *changed, *river]:
+        if others := [*self._given("latent", "views", "tasks", "rivers_in_memory", "device"), *changed, *river]:
             option = f"--{others[0].replace('_', '-')}"
             raise UsageError(f"{option} does not go with --target water, which learns from colours of rivers of levels")
         seeds = {
@@ -124,12 +126,12 @@ class EncoderTrain:
         }
         result = GeometryTraining(
             self.out,
-            geometry_config(inputs=self.inputs, architecture=self.architecture, **self._given("latent")),
+            geometry_config(**self._given("tasks", "latent"), inputs=self.inputs, architecture=self.architecture),
             seed=self.seed,
             command=shlex.join(["thalweg", *sys.argv[1:]]),
             **({"levels": self.level} if self.level else {}),
             **seeds,
-            **self._given("images", "held_out", "epochs", "views", "rivers_in_memory", "device"),
+            **self._given("images", "held_out", "epochs", "views", "tasks", "rivers_in_memory", "device"),
         ).run()
         if result.already_finished:
             tell_finished(self.out)

@@ -45,6 +45,8 @@ class Views(NamedTuple):
     """[M, 2] float64, m/s towards east and north: the mean wind of the episode; None is no wind."""
     proprioception: np.ndarray | None = None
     """[M, P] float32, see `thalweg.env.task.proprioception`; None where it is not observed."""
+    props: np.ndarray | None = None
+    """[M, P, 6] float32, objects to be drawn in place of those of the task; None: those of the task."""
 
     def rows(self, rows: np.ndarray) -> "Views":
         """Return some of the views, by mask [M] bool or indices."""

@@ -104,7 +104,9 @@ class Observer:
         return seen
 
     def props(self, courses: CourseArrays, views: Views) -> np.ndarray | None:
-        """Return the objects [M, P, 6] of the task in each view; None in a task without any."""
+        """Return the objects [M, P, 6] of each view, those of the task if it holds none; None in a task without any."""
+        if views.props is not None:
+            return views.props
         at = views.world, views.pose, views.steps, views.scene, views.station
         return props_in(courses, self.config, at)
 

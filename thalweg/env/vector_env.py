@@ -209,7 +209,8 @@ class RiverVectorEnv(VectorEnv):
         return self.observer.see(self.courses, self.frames.views(self.state))
 
     def draw(self, river: np.ndarray, views: Views) -> np.ndarray:
-        """Return the frames [M, H, W, C] of any views, such as stored ones, as observations are.
+        """Return the frames [M, H, W, C] of any views, such as stored ones, as observations are, with the objects that
+        the views hold in place of those of the task, if any.
 
         `river` [M] are indices in the list of rivers, which take the place of `views.world`; rivers that are not in
         memory are loaded. Raises `ConfigError` for environments that stay in one river, or draw nothing.

@@ -1,11 +1,12 @@
 """Training of an encoder of geometry on rivers: what it learns from, and what a linear probe reads from its codes.
 
 Stored are poses; frames are drawn anew in each epoch, each under another look. Codes are judged on rivers that were
-never trained on, under all looks, along flights and at random starts.
+never trained on, under all looks, along flights and at random starts. Where views are of several tasks, a quantity is
+learnt from those of its own task, and codes are judged on each.
 """
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.config import to_plain
@@ -26,22 +28,19 @@ from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, Labelled, train_g
 from thalweg.encoder.linear_probe import probe_r_squared
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.river_list import RiverList
-from thalweg.env.task.ideal_eye import mirrored
+from thalweg.env.tasks import PAPER_TASK
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
+from thalweg.train.encoder.targets import mirrored_targets, shown_of, targets_of, weights_of
 from thalweg.train.encoder.views import TARGETS, KnownViews, draw_views, flight_views, start_views
 from thalweg.train.flip import flipped
 from thalweg.world import level_named
 
-WEIGHTS = {"left bank": 4.0, "right bank": 4.0, "heading error": 4.0, "height": 2.0, "room above": 0.0}
-"""Weights of quantities in the loss; that of all others is 1. The room above is the height once more."""
 CHUNK = 1024
 """Frames that are drawn at a time."""
 FITTED = 4096
-"""Greatest number of frames of the rivers of training that the linear probe is fitted to."""
-SHOWN = ("left bank", "right bank", "heading error", "height")
-"""Quantities that decide a flight."""
+"""Greatest number of frames of the rivers of training, for each task, that the linear probe is fitted to."""
 PROBE = "probe.csv"
 """Name of the table of R² of linear probes, the last file that a training writes."""
 KINDS = {"flights": flight_views, "starts": start_views}
@@ -50,9 +49,11 @@ VERSION = 1
 """Version of the views and of what is learnt from them: a folder of another one is refused."""
 
 
-def geometry_config(**settings: Any) -> GeometryConfig:
-    """Return the config of an encoder that predicts the ideal eye; `settings` differ from the defaults."""
-    return GeometryConfig(targets=TARGETS, weights=tuple(WEIGHTS.get(name, 1.0) for name in TARGETS), **settings)
+def geometry_config(tasks: Sequence[str] = (PAPER_TASK,), **settings: Any) -> GeometryConfig:
+    """Return the config of an encoder that predicts what the ideal eye sees of the river, and a camera of some tasks;
+    `settings` differ from the defaults. Raises `EncoderInputError` for tasks that `targets_of` refuses."""
+    targets = targets_of(tasks)
+    return GeometryConfig(targets=targets, weights=weights_of(targets), **settings)
 
 
 @dataclass(frozen=True)
@@ -67,14 +68,16 @@ class GeometryTraining:
     """Seeds of the rivers of each level, as `thalweg.core.seeds.parse_seeds` reads them."""
     held_out_seeds: Any = "3000:3006"
     """Seeds of the rivers of each level on which the codes are judged."""
+    tasks: tuple[str, ...] = (PAPER_TASK,)
+    """Tasks whose views are learnt from, each as often; `config` is `geometry_config` of the same."""
     views: int = 96
-    """Stored views of each river, of flights."""
+    """Stored views of each river and task, of flights."""
     images: int = 4096
     """Frames that are drawn for an epoch."""
     passes: int = 4
     """How often a drawn frame is learnt from, each time with a random half of them mirrored."""
     held_out: int = 1024
-    """Frames of each kind of views on which codes are judged."""
+    """Frames of each kind of views, and of each task, on which codes are judged."""
     epochs: int = 16
     seed: int = 0
     quality: Quality = "fast"
@@ -98,14 +101,14 @@ class GeometryTraining:
         path, table = self.folder / FILE, self.folder / PROBE
         self._check_folder(path)
         if path.is_file() and table.is_file():
-            return GeometryResult(path, read_probe(table), already_finished=True)
+            return GeometryResult(path, read_probe(table, self.targets), self.targets, already_finished=True)
         device = resolve_device(self.device)
         compilation.begin()
         with ThreadPoolExecutor(1, "thalweg-held-out") as worker:  # loading rivers takes one core each
             judged = worker.submit(self._judged)
             lessons = RiverLessons(self)
             held_out = judged.result()
-        lessons.held_out = held_out["flights"]
+        lessons.held_out = held_out["flights"].views
         try:
             network = train_geometry(
                 lessons,
@@ -123,19 +126,25 @@ class GeometryTraining:
             lessons.close()
         encoder = Encoder(network)
         scores = {
-            (name, kind): probe_r_squared(each(fitted.frames), fitted.truths, each(views.frames), views.truths)
+            (name, label): found
             for name, each in {"geometry": encoder, "default": load_encoder()}.items()
-            for kind, views in held_out.items()
+            for judged in held_out.values()
+            for label, found in judged.r_squared(each, fitted).items()
         }
-        write_geometry(path, network, {**self._about, "r_squared": _as_data(scores)})
-        write_atomic(table, probe_table(scores))
-        return GeometryResult(path, scores, already_finished=False)
+        write_geometry(path, network, {**self._about, "r_squared": _as_data(scores, self.targets)})
+        write_atomic(table, probe_table(scores, self.targets))
+        return GeometryResult(path, scores, self.targets, already_finished=False)
 
     def _check(self) -> None:
         """Raise an error for settings that don't fit."""
         names = [level_named(level).name for level in self.levels]
         if not names or len(set(names)) < len(names):
             raise EncoderInputError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
+        if self.config.targets != self.targets:
+            raise EncoderInputError(
+                f"config predicts {len(self.config.targets)} quantities, but views of {', '.join(self.tasks)} have"
+                f" {len(self.targets)}: make it by geometry_config(tasks)"
+            )
         if shared := sorted(set(self.seeds) & set(self.judged_seeds)):
             raise EncoderInputError(
                 f"world_seeds and held_out_seeds share {shared[0]}: codes are judged on other rivers"
@@ -156,6 +165,16 @@ class GeometryTraining:
             GEOMETRY_FOLDER.require_same(self.folder, {key: recorded[key] for key in run if key in recorded}, run)
 
     @cached_property
+    def targets(self) -> tuple[str, ...]:
+        """Names of the T quantities."""
+        return targets_of(self.tasks)
+
+    @property
+    def _of_paper(self) -> bool:
+        """Whether all views are of the paper's task, so that it need not be named."""
+        return tuple(self.tasks) == (PAPER_TASK,)
+
+    @cached_property
     def seeds(self) -> tuple[int, ...]:
         """Seeds of the rivers of training."""
         return parse_seeds(self.world_seeds, "world_seeds", EncoderInputError)
@@ -173,21 +192,30 @@ class GeometryTraining:
         """Return an environment that draws rivers under all looks."""
         return RiverVectorEnv(rivers, 1, EnvConfig(randomisation=Randomisation(), quality=quality), device=self.device)
 
-    def _judged(self) -> dict[str, Labelled]:
+    def _judged(self) -> "dict[str, Judged]":
         """Return frames of rivers held out, by the kind of views."""
         rivers, found = self.rivers(self.judged_seeds), {}
         env = self.drawn(rivers, "full")
         for number, (kind, views_of) in enumerate(KINDS.items()):
-            views = views_of(rivers, -(-self.held_out // len(rivers)), self.seed).rows(slice(self.held_out))
+            views = views_of(rivers, -(-self.held_out // len(rivers)), self.seed, self.tasks)
+            rows = [np.flatnonzero(views.task == task)[: self.held_out] for task in range(len(self.tasks))]
+            views = views.rows(np.concatenate(rows))
             frames = draw_views(env, views, np.random.default_rng([self.seed, 4, number]))
-            found[kind] = Labelled(frames, views.truths)
+            found[kind] = Judged(Labelled(frames, views.truths), self._labels(kind))
         env.close()
         return found
+
+    def _labels(self, kind: str) -> tuple[str, ...]:
+        """Return how the views of each task are called in tables: by their kind, if none but the paper's task was
+        asked for."""
+        return (kind,) if self._of_paper else tuple(f"{kind} in {task}" for task in self.tasks)
 
     @property
     def _identity(self) -> dict[str, Any]:
         """Return what distinguishes the lessons from others, as plain data."""
+        seen = {"tasks": list(self.tasks), "tasks_version": versions.TASKS, "props_version": versions.PROPS}
         return {
+            **({} if self._of_paper else seen),
             "levels": [level_named(level).name for level in self.levels],
             "world_seeds": compact_seeds(self.seeds),
             "held_out_seeds": compact_seeds(self.judged_seeds),
@@ -206,14 +234,30 @@ class GeometryTraining:
         return {**self._identity, "epochs": self.epochs, "seed": self.seed, "command": self.command}
 
 
+@dataclass(frozen=True)
+class Judged:
+    """Views on which codes are judged: so many of one task, then as many of the next."""
+
+    views: Labelled
+    labels: tuple[str, ...]
+    """How those of each task are called in tables."""
+
+    def r_squared(self, encoder: Encoder, fitted: Labelled) -> dict[str, np.ndarray]:
+        """Return R² [T] of linear probes by label, fitted to the codes of other frames of all tasks together."""
+        codes, known = encoder(self.views.frames), self.views.truths
+        fit = encoder(fitted.frames), fitted.truths
+        parts = zip(*(np.split(each, len(self.labels)) for each in (codes, known)), strict=True)
+        return {label: probe_r_squared(*fit, *part) for label, part in zip(self.labels, parts, strict=True)}
+
+
 class RiverLessons:
     """Frames of stored views of rivers, drawn anew in each epoch."""
 
     def __init__(self, training: GeometryTraining) -> None:
         self.training = training
-        self.held_out = Labelled(np.zeros((0, 0, 0, 4), np.uint8), np.zeros((0, len(TARGETS))))
+        self.held_out = Labelled(np.zeros((0, 0, 0, 4), np.uint8), np.zeros((0, len(training.targets))))
         rivers = training.rivers(training.seeds)
-        self.views = flight_views(rivers, training.views, training.seed)
+        self.views = flight_views(rivers, training.views, training.seed, training.tasks)
         self.scale = Scale.of(self.views.truths)
         self._env = training.drawn(rivers, training.quality)
         draw_views(self._env, self.views.rows(slice(len(rivers))), np.random.default_rng(0))  # loads the rivers
@@ -232,12 +276,13 @@ class RiverLessons:
                 if following is not None:
                     ahead = worker.submit(draw_views, self._env, following, looks)
                 for _ in range(self.training.passes):
-                    yield half_mirrored(frames, views.truths, mirrors)
+                    yield half_mirrored(frames, views.truths, mirrors, self.training.targets)
 
     def fitted(self) -> Labelled:
         """Return the frames of the rivers of training that a probe is fitted to."""
         generator = np.random.default_rng([self.training.seed, 6])
-        chosen = list(self._chosen(min(FITTED, 2 * self.training.held_out), generator))
+        count = min(FITTED, 2 * self.training.held_out) * len(self.training.tasks)
+        chosen = list(self._chosen(count, generator))
         frames = [draw_views(self._env, views, generator) for views in chosen]
         return Labelled(np.concatenate(frames), np.concatenate([views.truths for views in chosen]))
 
@@ -261,36 +306,44 @@ class GeometryResult:
     path: Path
     """The encoder's file."""
     scores: dict[tuple[str, str], np.ndarray]
-    """R² [T] of linear probes by encoder, `geometry` or the package's `default`, and kind of views."""
+    """R² [T] of linear probes by encoder, `geometry` or the package's `default`, and kind of views, with their task
+    where tasks were given."""
+    targets: tuple[str, ...]
+    """Names of the T quantities."""
     already_finished: bool
     """Whether the training was finished before, so that nothing was trained."""
 
     @property
     def lines(self) -> list[str]:
-        """A line for each encoder and kind of views, with R² of what decides a flight."""
-        return [
-            f"{name}, {kind}: " + ", ".join(f"{key} {found[TARGETS.index(key)]:.2f}" for key in SHOWN)
-            for (name, kind), found in self.scores.items()
-        ]
+        """A line for each encoder and kind of views, with R² of what decides a flight, and its cost in a task."""
+        lines = []
+        for (name, kind), found in self.scores.items():
+            told = {key: found[self.targets.index(key)] for key in shown_of(self.targets)}
+            known = [f"{key} {value:.2f}" for key, value in told.items() if key in TARGETS or np.isfinite(value)]
+            lines.append(f"{name}, {kind}: {', '.join(known)}")
+        return lines
 
 
-def half_mirrored(frames: np.ndarray, truths: np.ndarray, generator: np.random.Generator) -> Labelled:
-    """Return frames [K, H, W, C] and truths [K, T], each with probability 1/2 those of the view in a mirror."""
+def half_mirrored(
+    frames: np.ndarray, truths: np.ndarray, generator: np.random.Generator, targets: Sequence[str] = TARGETS
+) -> Labelled:
+    """Return frames [K, H, W, C] and truths [K, T] of the `targets`, each with probability 1/2 those of the view in a
+    mirror."""
     chosen = generator.random(len(frames)) < 0.5
     seen, known = frames.copy(), truths.copy()
-    seen[chosen], known[chosen] = flipped(frames[chosen]), mirrored(truths[chosen])
+    seen[chosen], known[chosen] = flipped(frames[chosen]), mirrored_targets(truths[chosen], targets)
     return Labelled(seen, known)
 
 
-def probe_table(scores: dict[tuple[str, str], np.ndarray]) -> str:
+def probe_table(scores: dict[tuple[str, str], np.ndarray], targets: Sequence[str] = TARGETS) -> str:
     """Return R² of probes as CSV: a row per encoder and kind of views."""
-    lines = [",".join(("encoder", "views", *(name.replace(" ", "_") for name in TARGETS)))]
+    lines = [",".join(("encoder", "views", *(name.replace(" ", "_") for name in targets)))]
     for (name, kind), found in scores.items():
         lines.append(",".join((name, kind, *("" if np.isnan(value) else f"{value:.4f}" for value in found))))
     return "\n".join(lines) + "\n"
 
 
-def read_probe(path: Path) -> dict[tuple[str, str], np.ndarray]:
+def read_probe(path: Path, targets: Sequence[str] = TARGETS) -> dict[tuple[str, str], np.ndarray]:
     """Return the R² [T] of probes by encoder and kind of views from the table that `probe_table` made.
 
     Raises `EncoderFileError`, which names the file, for another table.
@@ -298,17 +351,17 @@ def read_probe(path: Path) -> dict[tuple[str, str], np.ndarray]:
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
-        names = [name.replace(" ", "_") for name in TARGETS]
+        names = [name.replace(" ", "_") for name in targets]
         return {(row["encoder"], row["views"]): np.array([float(row[name] or "nan") for name in names]) for row in rows}
     except (KeyError, TypeError, ValueError) as error:
         raise EncoderFileError(f"{path}: not the table of a training of geometry ({error!r})") from error
 
 
-def _as_data(scores: dict[tuple[str, str], np.ndarray]) -> dict[str, dict[str, float | None]]:
+def _as_data(scores: dict[tuple[str, str], np.ndarray], targets: Sequence[str]) -> dict[str, dict[str, float | None]]:
     """Return R² of the geometry encoder as plain data, by kind of views and quantity."""
     return {
         kind: {
-            key: None if np.isnan(value) else round(float(value), 4) for key, value in zip(TARGETS, found, strict=True)
+            key: None if np.isnan(value) else round(float(value), 4) for key, value in zip(targets, found, strict=True)
         }
         for (name, kind), found in scores.items()
         if name == "geometry"

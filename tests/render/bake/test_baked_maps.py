@@ -9,6 +9,7 @@ import pytest
 from tests.render.plain import plane, plants_at
 from thalweg.render.bake import baked_maps
 from thalweg.world import World
+from thalweg.world.banks import BankReach
 
 SUN = np.array([0.6, 0.0, 0.8])
 TOP = np.zeros((4, 4), np.float32)
@@ -98,6 +99,8 @@ def variants(record):
             yield replace(record, **{field.name: value[..., None]})
         elif isinstance(value, bool):
             yield replace(record, **{field.name: not value})
+        elif isinstance(value, tuple):
+            yield replace(record, **{field.name: (*value, BankReach("meadow"))})
         else:
             yield replace(record, **{field.name: value + type(value)(1)})
 

@@ -6,12 +6,12 @@
     python benchmarks/ladder.py --write                             # the tables and the plot of docs/imitation.md
 
 An arm is a training: students of the steady pilot, and FOCOPS through frames, on 1, 4, 16, 64 and more rivers of a
-level with looks fixed or varied; FOCOPS end to end, and on codes of the autoencoder, on one rung; and students that
-lack one thing each. A row of ladder.csv is appended as each cell is flown: an arm's flights of one kind on one level.
-`seen` flights are on rivers of the training, `unseen` ones on as many other rivers as episodes, `varied` ones on these
-under varied looks, suns, pitches and fields of view. A cell that has a row is skipped, and training resumes in the
-folder `--runs`. A row names the versions, settings and encoder that it depends on: with others, its cell is flown
-again. An arm that fails is named at the end, and the others go on, unless its process was killed.
+level with looks fixed or varied; FOCOPS end to end, on codes of the autoencoder, and on rivers of Hard, on one rung
+each; and students that lack one thing each. A row of ladder.csv is appended as each cell is flown: an arm's flights of
+one kind on one level. `seen` flights are on rivers of the training, `unseen` ones on as many other rivers as episodes,
+`varied` ones on these under varied looks, suns, pitches and fields of view. A cell that has a row is skipped, and
+training resumes in the folder `--runs`. A row names the versions, settings and encoder that it depends on: with others,
+its cell is flown again. An arm that fails is named at the end, and the others go on, unless its process was killed.
 """
 
 import argparse

@@ -214,18 +214,19 @@ CLIMBERS: tuple[Arm, ...] = (
 
 
 COMPARED: tuple[Arm, ...] = tuple(
-    replace(CLIMBERS[1], name=name, rivers=16, **differs)
+    replace(CLIMBERS[1], name=name, **differs)
     for name, differs in {
-        "FOCOPS-vae": {"encoder": None},
-        "FOCOPS-cnn": {"encoder": None, "settings": {"policy": "cnn"}},
+        "FOCOPS-vae": {"rivers": 16, "encoder": None},
+        "FOCOPS-cnn": {"rivers": 16, "encoder": None, "settings": {"policy": "cnn"}},
+        "FOCOPS-hard": {"rivers": 64, "levels": ("Hard",), "further": ("Medium",)},
     }.items()
 )
-"""Arms beside the climber of the same algorithm on one rung: with codes of the autoencoder, and with convolutions that
-are learnt with the policy."""
+"""Arms beside the climber of the same algorithm, each on one rung: with codes of the autoencoder, with convolutions
+that are learnt with the policy, and on rivers of Hard."""
 
 
 def compared_arms() -> list[Arm]:
-    """Return the arms on one rung, with all seeds."""
+    """Return the arms beside the climbers, with all seeds."""
     return [replace(arm, seed=seed) for arm in COMPARED for seed in SEEDS]
 
 

@@ -93,11 +93,17 @@ def test_ablations_differ_from_the_whole_student_in_one_setting(arms: ModuleType
 
 def test_focops_on_other_codes_and_end_to_end_stands_beside_the_climber_that_sees_geometry(arms: ModuleType):
     found = arms.compared_arms()
-    names = ("FOCOPS-vae", "FOCOPS-cnn")
-    assert [arm.label for arm in found] == [f"{name}-16-fixed-{seed}" for name in names for seed in range(3)]
+    names = ("FOCOPS-vae-16", "FOCOPS-cnn-16", "FOCOPS-hard-64")
+    assert [arm.label for arm in found] == [f"{name}-fixed-{seed}" for name in names for seed in range(3)]
     beside = next(arm for arm in arms.ladder_arms() if arm.label == "FOCOPS-16-fixed-0")
-    assert {(arm.algorithm, arm.steps, arm.levels) for arm in (*found, beside)} == {("FOCOPS", 200_000, ("Medium",))}
-    vae, cnn = found[0], found[3]
+    vae, cnn, hard = found[::3]
+    assert {(arm.algorithm, arm.steps) for arm in (*found, beside)} == {("FOCOPS", 200_000)}
+    assert [(arm.levels, arm.further) for arm in (vae, cnn, hard)] == [
+        (("Medium",), ("Hard",)),
+        (("Medium",), ("Hard",)),
+        (("Hard",), ("Medium",)),
+    ]
+    assert hard.key[7] == beside.key[7]
     assert [arm.sees_images for arm in (vae, cnn, beside)] == [False, True, False]
     assert len({vae.key[7], beside.key[7], "none"}) == 3
     assert encoder_path(beside.encoder) == encoder_path("geometry")

@@ -67,7 +67,7 @@ def main() -> None:
             gym_env_vectorize_mode="vector_entry_point",
         )
         .callbacks(on_episode_end=note_cost)
-        .rl_module(model_config=DefaultModelConfig(conv_filters=[[16, 8, 4], [32, 4, 2]], conv_activation="relu"))
+        .rl_module(model_config=DefaultModelConfig(conv_filters=[(16, 8, 4), (32, 4, 2)], conv_activation="relu"))
         .training(train_batch_size_per_learner=batch, minibatch_size=min(256, batch), num_epochs=4, lr=3e-4)
         .debugging(seed=0)
     )

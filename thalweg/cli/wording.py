@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Annotated, Any, get_origin
+from typing import Annotated, Any, get_args, get_origin
 
 from tyro.conf import Positional, UseAppendAction
 
@@ -58,7 +58,7 @@ def _fields_of(command: Any) -> Iterator[tuple[str, str]]:
         if is_dataclass(value):
             yield from _fields_of(value)
             continue
-        if get_origin(field.type) is Annotated and {Positional, UseAppendAction} & {*field.type.__metadata__}:
+        if get_origin(field.type) is Annotated and {Positional, UseAppendAction} & {*get_args(field.type)}:
             continue  # it is given by its place, or a value at a time
         default = None if field.default is MISSING or isinstance(field.default, bool) else field.default
         words = default if isinstance(default, tuple) else () if default is None else (default,)

@@ -2,11 +2,11 @@
 
 import pytest
 
-from thalweg.algos.registry import ALGORITHMS
+from thalweg.algos.registry import ALGORITHMS, algorithm_named
 from thalweg.bench.fronts.fronts import cost_limits, front_of, points_of, read_fronts
 from thalweg.bench.suite.builtin import load_suite
 from thalweg.bench.suite.config import Run
-from thalweg.bench.suite.priced import LIMITS
+from thalweg.bench.suite.priced import LIMITS, arms_of
 from thalweg.core import versions
 from thalweg.env import EnvConfig
 from thalweg.env.tasks import PAPER_TASK, TASKS, TaskName
@@ -51,3 +51,12 @@ def test_limits_lie_between_the_ends_of_the_front(task: TaskName):
     front = front_of(points_of(read_fronts(), task, "Medium"))
     assert front.cost[0] < LIMITS[task][0] < LIMITS[task][1] < LIMITS[task][2] < front.cost[-1]
     assert EnvConfig(task=task, observation="none").task_record.cost_kinds[2]
+
+
+@pytest.mark.parametrize("task", LIMITS)
+def test_limits_stay_the_same_while_a_policy_learns(task: TaskName):
+    limited = [arm for arm in arms_of(task) if "cost_limit" in arm.settings]
+    assert len(limited) == 3 * (len(ALGORITHMS) - 1)
+    for arm in limited:
+        config = algorithm_named(arm.algorithm).configure(dict(arm.settings))
+        assert {config.limits_at(share) for share in (0.0, 0.5, 1.0)} == {(arm.settings["cost_limit"],)}

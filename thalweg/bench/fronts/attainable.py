@@ -28,10 +28,10 @@ def warn_of_limits(task: str, trained: Iterable[tuple[str, str, Any]]) -> None:
 
     `trained`: name and level of what is trained, and the config of its algorithm, which may know no limit.
     """
-    names: dict[str, list[str]] = {}
+    names: dict[tuple[str, float], list[str]] = {}
     for name, level, config in trained:
-        limit = getattr(config, "cost_limit", None)
-        if limit is not None and (found := below_safest(task, level, limit)):
-            names.setdefault(found, []).append(name)
-    for found, own in names.items():
-        warnings.warn(f"{', '.join(dict.fromkeys(own))}: {found}", LimitWarning, stacklevel=3)
+        if (limit := getattr(config, "cost_limit", None)) is not None:
+            names.setdefault((level, limit), []).append(name)
+    for (level, limit), own in names.items():
+        if found := below_safest(task, level, limit):
+            warnings.warn(f"{', '.join(dict.fromkeys(own))}: {found}", LimitWarning, stacklevel=3)

@@ -320,12 +320,12 @@ def packaged_encoder() -> Trace:
     return {"file": _digits(DEFAULT_PATH), "codes": np.asarray(codes, np.float64)}
 
 
-def packaged_geometry() -> Trace:
-    """The hash of the file of the packaged encoder of geometry, and its codes and predictions of synthetic frames."""
-    encoder = load_encoder("geometry")
+def packaged_geometry(name: str = "geometry") -> Trace:
+    """The hash of the file of a packaged encoder of geometry, and its codes and predictions of synthetic frames."""
+    encoder = load_encoder(name)
     codes = encoder(synthetic_frames(4, 128))
     found = {"codes": codes, "predictions": encoder.predict(codes)}
-    return {"file": _digits(PACKAGED["geometry"])} | {name: each.astype(np.float64) for name, each in found.items()}
+    return {"file": _digits(PACKAGED[name])} | {key: each.astype(np.float64) for key, each in found.items()}
 
 
 def packaged_policy() -> Trace:
@@ -397,6 +397,12 @@ GOLDENS: dict[str, Golden] = {
     "encoder": Golden("ENCODER", versions.ENCODER, encoder, tolerance=0.05, smallest=0.05),
     "packaged encoder": Golden("PACKAGED_ENCODER", versions.PACKAGED_ENCODER, packaged_encoder, tolerance=0.02),
     "packaged geometry": Golden("PACKAGED_GEOMETRY", versions.PACKAGED_GEOMETRY, packaged_geometry, tolerance=0.02),
+    "packaged geometry of tasks": Golden(
+        "PACKAGED_GEOMETRY_TASKS",
+        versions.PACKAGED_GEOMETRY_TASKS,
+        partial(packaged_geometry, "geometry-tasks"),
+        tolerance=0.02,
+    ),
     "packaged policy": Golden("PACKAGED_POLICY", versions.PACKAGED_POLICY, packaged_policy, tolerance=0.0),
     "shield": Golden("SHIELD", versions.SHIELD, shield, tolerance=0.02, smallest=20.0),
     "imitation": Golden("IMITATION", versions.IMITATION, imitation),

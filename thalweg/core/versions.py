@@ -55,5 +55,7 @@ PACKAGED_ENCODER = 2
 """The encoder file that comes with the package."""
 PACKAGED_GEOMETRY = 2
 """The file of the encoder of geometry that comes with the package."""
+PACKAGED_GEOMETRY_TASKS = 1
+"""The file of the encoder of geometry with objects of tasks that comes with the package."""
 PACKAGED_POLICY = 3
 """The policy file that comes with the package."""

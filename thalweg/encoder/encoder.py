@@ -31,8 +31,13 @@ from thalweg.encoder.vae import VAE, EncoderInputError
 
 DEFAULT_PATH = Path(__file__).with_name("default.safetensors")
 """The autoencoder that comes with the package, whose encoder is used by default."""
-PACKAGED = {"default": DEFAULT_PATH, "geometry": Path(__file__).with_name("geometry.safetensors")}
-"""Files of the encoders that come with the package, by their names: `geometry` was trained to predict the ideal eye."""
+PACKAGED = {
+    "default": DEFAULT_PATH,
+    "geometry": Path(__file__).with_name("geometry.safetensors"),
+    "geometry-tasks": Path(__file__).with_name("geometry-tasks.safetensors"),
+}
+"""Files of the encoders that come with the package, by their names: `geometry` was trained to predict the ideal eye,
+and `geometry-tasks` also what a camera can tell of tasks."""
 Model = VAE | GeometryNetwork
 """What has convolutions that are its `encoder`, and `dense_layers` behind them that give the code."""
 ROWS = 16

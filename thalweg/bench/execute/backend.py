@@ -43,6 +43,7 @@ def installed_versions() -> dict[str, int | None]:
         "evaluation": versions.EVALUATION,
         "encoder": versions.PACKAGED_ENCODER,
         "geometry": versions.PACKAGED_GEOMETRY,
+        "geometry-tasks": versions.PACKAGED_GEOMETRY_TASKS,
         "packaged": versions.PACKAGED_POLICY if PACKAGED_POLICY.exists() else None,
         **versions.ALGORITHMS,
     }

@@ -23,6 +23,7 @@ from thalweg.bench.results.results import (
 )
 from thalweg.bench.results.run_versions import (
     GEOMETRY,
+    GEOMETRY_TASKS,
     Sources,
     Versions,
     current_versions,
@@ -211,6 +212,7 @@ def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[
             **where,
         )
         | current_versions("train", (), encoder=GEOMETRY)
+        | current_versions("train", (), encoder=GEOMETRY_TASKS)
         | current_versions("packaged", ())
         | current_versions("baseline", [policy], **where)
     )

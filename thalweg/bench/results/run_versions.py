@@ -22,7 +22,7 @@ from thalweg.train.run import has_asymmetric_critics
 
 FILE = "versions.json"
 EVALUATION = "evaluation"
-DEFAULT, GEOMETRY = "default", "geometry"
+DEFAULT, GEOMETRY, GEOMETRY_TASKS = "default", "geometry", "geometry-tasks"
 """Names of the encoders that come with the package."""
 STEADY = "steady"
 """The baseline that teaches imitations; its flights depend on their version."""
@@ -69,7 +69,7 @@ def current_versions(
     if _task(task).props:
         render["props"] = versions.PROPS
     if encoder != DEFAULT:
-        coded = {encoder: versions.PACKAGED_GEOMETRY if encoder == GEOMETRY else _version_of_plugin(encoder)}
+        coded = {encoder: _version_of_encoder(encoder)}
     if kind == "packaged":
         return rivers | render | {"packaged": versions.PACKAGED_POLICY}
     seen = (render if observation != PRIVILEGED else {}) | (coded if observation == FRAMES else {})
@@ -119,6 +119,12 @@ def current_sources(names: Iterable[str]) -> dict[str, str]:
     that is broken."""
     plugins = {name: plugin_of(name) for name in names}
     return {name: plugin.source for name, plugin in plugins.items() if plugin is not None}
+
+
+def _version_of_encoder(name: str) -> int | None:
+    """The version of an encoder of geometry of the package, or of a plug-in; None as of `_version_of_plugin`."""
+    packaged = {GEOMETRY: versions.PACKAGED_GEOMETRY, GEOMETRY_TASKS: versions.PACKAGED_GEOMETRY_TASKS}
+    return packaged[name] if name in packaged else _version_of_plugin(name)
 
 
 def _version_of_plugin(name: str) -> int | None:

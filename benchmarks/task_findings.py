@@ -3,15 +3,16 @@
     python benchmarks/task_findings.py            # writes the tables and draws the picture
     python benchmarks/task_findings.py --check    # writes nothing; fails where the page is not up to date
 
-The results are those of the suites `swimmers`, `nests`, `racingline` and `portage` in folders of these names, as far as
-they are there: what has not been run is named as missing. Figures are of the training level, on its fixed river and on
+The results are those of the suites `swimmers`, `nests`, `racingline` and `portage`, by the ideal eye, and of those with
+`-frames` after these names, in folders of their names, as far as they are there: what has not been run is named as
+missing. Figures are of the training level, on its fixed river and on
 unseen ones, with the oracle's front of the same rivers beside them.
 """
 
 import argparse
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from findings import results_of
@@ -24,8 +25,10 @@ from thalweg.bench.fronts.fronts import FIXED, UNSEEN
 from thalweg.bench.report.policies import limit_met
 from thalweg.bench.report.table import frame, markdown
 from thalweg.bench.results.inference import Estimate
-from thalweg.bench.suite.priced import LIMITS
+from thalweg.bench.suite.config import Suite
+from thalweg.bench.suite.priced import LIMITS, seeing_suite_of, suite_of
 from thalweg.core.atomic_io import write_atomic
+from thalweg.env.tasks import TaskName
 
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "task-findings.md"
@@ -34,11 +37,15 @@ RIVERS = {FIXED: "the fixed river", UNSEEN: "unseen rivers"}
 NOT_RUN = "No run of this suite is finished yet.\n"
 
 
-def read_studies(folder: Path = HERE) -> dict[str, Study]:
+def read_studies(folder: Path = HERE, suite_of: Callable[[TaskName], Suite] = suite_of) -> dict[str, Study]:
     """Return what was run of each task, from folders with the names of the suites; raises `ResultsError` for results
     that cannot be used."""
-    folders = {task: folder / task.lower() for task in LIMITS}
-    return {task: study_of(task, results_of(path) if path.is_dir() else None) for task, path in folders.items()}
+    found = {}
+    for task in LIMITS:
+        suite = suite_of(task)
+        path = folder / suite.name
+        found[task] = study_of(suite, results_of(path) if path.is_dir() else None)
+    return found
 
 
 def spread(estimate: Estimate) -> str:
@@ -117,13 +124,21 @@ def _lacking(study: Study) -> Iterable[str]:
     return [f"{name} ({done} of {planned} runs)" for name, done, planned in found if done < planned]
 
 
-def written_page(page: str, studies: Studies) -> str:
-    """Return the page with what the results have today."""
+def frames_section(studies: Studies) -> str:
+    """Return the tables of the tasks through frames, as far as anything was run."""
+    tables = (f"### {task}\n\n{task_section(study)}" for task, study in studies.items() if study.outcomes)
+    return "\n".join(tables) or "Nothing has been run yet.\n"
+
+
+def written_page(page: str, studies: Studies, seeing: Studies) -> str:
+    """Return the page with what the results have today, by the ideal eye and `seeing` frames."""
     sections: Sequence[tuple[str, str]] = [
         ("facts", facts(studies)),
         ("holders", holders_table(studies)),
         *((task, task_section(study)) for task, study in studies.items()),
+        ("frames", frames_section(seeing)),
         ("missing", missing_section(studies)),
+        ("missing frames", missing_section(seeing)),
     ]
     for name, text in sections:
         page = replace_section(page, name, text)
@@ -136,7 +151,7 @@ def main() -> int:
     parser.add_argument("--results", type=Path, default=HERE, help="folder with the results of the suites")
     given = parser.parse_args()
     studies, old = read_studies(given.results), PAGE.read_text(encoding="utf-8")
-    new = written_page(old, studies)
+    new = written_page(old, studies, read_studies(given.results, seeing_suite_of))
     if given.check:
         return int(new != old)
     write_atomic(PAGE, new)

@@ -5,25 +5,25 @@ Figures are those of reports, which show each policy beside its own limit on the
 unseen rivers beside the front of unseen rivers. Intervals are over seeds.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.fronts.fronts import FIXED, UNSEEN, front_of, points_of, read_fronts
 from thalweg.bench.report.policies import evaluated_seeds
-from thalweg.bench.report.price_tables import by_seed, costs_of, limit_of, mean_cost, mean_return
+from thalweg.bench.report.price_tables import by_seed, costs_of, mean_cost, mean_return
 from thalweg.bench.results.front import Front
 from thalweg.bench.results.inference import Estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.risk import share_above
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.priced import LIMITS, suite_of
+from thalweg.bench.suite.config import Suite
 from thalweg.bench.suite.record import arms_of
 from thalweg.core import versions
-from thalweg.env.tasks import TaskName
 
 LEVEL = "Medium"
 """Level of training and of the limits."""
@@ -39,6 +39,7 @@ class Outcome:
 
     task: str
     algorithm: str
+    """Its algorithm, and what distinguishes it from others of the algorithm, such as `PPOLag-cnn`."""
     limit: float
     seeds: str
     """Number of seeds, or `2 of 3` where some are missing."""
@@ -60,6 +61,8 @@ class Study:
     """What was run of a task."""
 
     task: str
+    suite: Mapping[str, Any]
+    """Record of the suite: as it was run, or, where nothing was, as it is today."""
     limits: tuple[float, ...]
     fronts: Mapping[str, Front]
     """Of the oracle, by rivers."""
@@ -114,38 +117,47 @@ class Study:
     def seeds_planned(self, algorithm: str) -> int:
         """Return how many runs of an algorithm the suite asks for, at all limits together."""
         names = self._names(algorithm)
-        arms = arms_of(suite_record(self.task) if self.results is None else self.results.suite)
-        return sum(len(arm["seeds"]) for arm in arms if arm["name"] in names)
+        return sum(len(arm["seeds"]) for arm in arms_of(self.suite) if arm["name"] in names)
 
     def _names(self, algorithm: str) -> set[str]:
         return {name for (which, _), name in self.arms.items() if which == algorithm}
 
 
-def suite_record(task: TaskName | str) -> dict:
-    """Return the record of a task's suite as a results folder has it."""
-    return suite_of(task).as_data()  # pyright: ignore[reportArgumentType]
-
-
-def study_of(task: TaskName | str, results: Results | None) -> Study:
-    """Return what the results of a task's suite have, beside the oracle's fronts that come with the package.
+def study_of(suite: Suite, results: Results | None) -> Study:
+    """Return what the results of a suite of a task have, beside the oracle's fronts that come with the package.
 
     Raises `ResultsError` for results of other versions of the tasks than the front's, and where there is no front.
     """
-    limits = LIMITS[task]  # pyright: ignore[reportArgumentType]
+    task, record = suite.task, suite.as_data() if results is None else results.suite
     fronts = {}
     for rivers in CONDITION:
         points = points_of(read_fronts(), task, LEVEL, rivers)
         if not points or any(point.tasks != versions.TASKS for point in points):
             raise ResultsError(f"fronts.csv has no front of {task} on {rivers} rivers of {LEVEL} with today's tasks")
         fronts[rivers] = front_of(points)
-    if results is None:
-        arms = {
-            (arm["algorithm"], arm["settings"].get("cost_limit")): arm["name"] for arm in arms_of(suite_record(task))
-        }
-        return Study(task, limits, fronts, arms, None, {})
-    _check_tasks(task, results)
-    arms = {(arm["algorithm"], limit_of(results, arm["name"])): arm["name"] for arm in arms_of(results.suite)}
+    own = {arm["name"]: arm["settings"].get("cost_limit") for arm in arms_of(record)}
+    arms = {(_without_limit(name, limit), limit): name for name, limit in own.items()}
+    limits = tuple(sorted({limit for limit in own.values() if limit is not None}))
     outcomes = {}
+    if results is not None:
+        _check_tasks(task, results)
+        outcomes = dict(_outcomes(task, results, arms, limits, fronts))
+    return Study(task, record, limits, fronts, arms, results, outcomes)
+
+
+def _without_limit(name: str, limit: float | None) -> str:
+    """Return the name of a policy without its limit."""
+    return name if limit is None else name.removesuffix(f"-{limit:g}")
+
+
+def _outcomes(
+    task: str,
+    results: Results,
+    arms: Mapping[tuple[str, float | None], str],
+    limits: Sequence[float],
+    fronts: Mapping[str, Front],
+) -> Iterator[tuple[tuple[str, str, float], Outcome]]:
+    """Yield the outcome of each policy on both kinds of rivers, as far as it was flown, with its key in `Study`."""
     for rivers, condition in CONDITION.items():
         flown = group_episodes(results.condition_episodes.get(condition, []) if condition else results.episodes)
         for (algorithm, own), name in arms.items():
@@ -153,8 +165,7 @@ def study_of(task: TaskName | str, results: Results | None) -> Study:
             for limit in limits if own is None else (own,):
                 if episodes:
                     key = task, algorithm, limit, evaluated_seeds(results, name, episodes)
-                    outcomes[rivers, algorithm, limit] = outcome_of(key, episodes, fronts[rivers])
-    return Study(task, limits, fronts, arms, results, outcomes)
+                    yield (rivers, algorithm, limit), outcome_of(key, episodes, fronts[rivers])
 
 
 def _check_tasks(task: str, results: Results) -> None:

@@ -74,7 +74,7 @@ def results() -> Results:
 
 @pytest.fixture
 def study(outcomes: ModuleType, results: Results) -> Any:
-    return outcomes.study_of("Nests", results)
+    return outcomes.study_of(SUITE, results)
 
 
 def rows(table: str) -> dict[str, list[str]]:
@@ -143,7 +143,7 @@ def test_updates_at_the_bound_of_the_multiplier_are_told_by_whether_the_limit_is
         folder.mkdir(parents=True)
         (folder / "metrics.csv").write_text(f"multiplier\n{multipliers}\n")
         (folder / "config.yaml").write_text("run:\n  config: {multiplier_max: 2.0}\n")
-    study = outcomes.study_of("Nests", replace(results, folder=tmp_path))
+    study = outcomes.study_of(SUITE, replace(results, folder=tmp_path))
     told = script.facts({"Nests": study}).replace("\n", " ")
     assert (
         "in 100% of the updates of runs whose policies do not hold it (1), and in 25% of the updates of runs whose"
@@ -153,22 +153,38 @@ def test_updates_at_the_bound_of_the_multiplier_are_told_by_whether_the_limit_is
 
 
 def test_a_task_that_was_not_run_says_so(script: ModuleType, outcomes: ModuleType):
-    study = outcomes.study_of("Nests", None)
+    study = outcomes.study_of(SUITE, None)
     assert script.task_section(study) == script.NOT_RUN
     assert script.missing_section({"Nests": study}) == "- Nests: everything\n"
-    assert script.facts({"Nests": study}) == script.holders_table({"Nests": study}) == "Nothing has been run yet.\n"
+    found = [write({"Nests": study}) for write in (script.facts, script.holders_table, script.frames_section)]
+    assert found == ["Nothing has been run yet.\n"] * 3
+
+
+def test_policies_of_one_algorithm_at_one_limit_are_told_apart(
+    script: ModuleType, outcomes: ModuleType, results: Results
+):
+    names = ["FOCOPS-23", "FOCOPS-cnn-23"]
+    arms = tuple(Arm("FOCOPS", settings={"cost_limit": 23.0}, name=name) for name in names)
+    suite = replace(SUITE, name="nests-frames", arms=(Arm("PPO"), *arms))
+    episodes = [*flights("FOCOPS-23", 3, 5.0, 20.0), *flights("FOCOPS-cnn-23", 3, 3.0, 20.0)]
+    study = outcomes.study_of(suite, Results(Path(), suite.as_data(), [], episodes, [], []))
+    section = script.frames_section({"Nests": study, "Portage": outcomes.study_of(SUITE, None)})
+    found = rows(section[section.index("| algorithm") : section.index("On unseen")])
+    assert section.startswith("### Nests") and "Portage" not in section
+    assert found["FOCOPS"][0].startswith("**7.00") and found["FOCOPS-cnn"][0].startswith("**5.00")
+    assert script.missing_section({"Nests": study}) == "- Nests: PPO (0 of 3 runs)\n"
 
 
 def test_results_of_other_tasks_than_the_front_are_refused(outcomes: ModuleType, results: Results):
     old = replace(results, folder=Path("nests"), versions={"PPO-0": {"tasks": 0}})
     with pytest.raises(ResultsError, match=r"nests: .*PPO-0 has 0"):
-        outcomes.study_of("Nests", old)
+        outcomes.study_of(SUITE, old)
 
 
 def test_a_front_of_other_tasks_is_refused(outcomes: ModuleType, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(outcomes, "read_fronts", lambda: [replace(point, tasks=0) for point in FRONT])
     with pytest.raises(ResultsError, match="no front of Nests on fixed rivers of Medium"):
-        outcomes.study_of("Nests", None)
+        outcomes.study_of(SUITE, None)
 
 
 def test_the_picture_has_a_panel_for_each_task(script: ModuleType, study: Any):
@@ -178,4 +194,7 @@ def test_the_picture_has_a_panel_for_each_task(script: ModuleType, study: Any):
 
 def test_the_committed_page_shows_the_committed_results(script: ModuleType):
     page = script.PAGE.read_text()
-    assert page == script.written_page(page, script.read_studies()), "python benchmarks/task_findings.py writes it"
+    seeing = script.read_studies(suite_of=script.seeing_suite_of)
+    assert page == script.written_page(page, script.read_studies(), seeing), (
+        "python benchmarks/task_findings.py writes it"
+    )

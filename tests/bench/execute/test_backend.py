@@ -19,7 +19,7 @@ from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import Condition, Trial
 from thalweg.bench.evaluate.course import Course
 from thalweg.bench.execute import backend
-from thalweg.bench.execute.backend import RiverBackend
+from thalweg.bench.execute.backend import PACKAGED_POLICY, RiverBackend
 from thalweg.bench.pictures import film
 from thalweg.bench.pictures.film_format import SMALL
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
@@ -138,6 +138,33 @@ def test_an_arm_sees_frames_or_the_privileged_observation_in_all_its_stages(
     for label in ("PPO", "CUP-privileged"):
         place.train(Run("train", label, 0), tmp_path)
     assert given == [("P3O", "the encoder"), ("PPO", "the encoder"), ("CUP", None)]
+
+
+def test_an_arm_of_images_sees_them_without_an_encoder_and_may_begin_with_the_packaged_policy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    given: list[tuple[Any, ...]] = []
+
+    def train(_: RiverTraining, algorithm: str, encoder: Any, **options: Any) -> None:
+        given.append((algorithm, encoder, options["observation"], options["begin_with"]))
+
+    monkeypatch.setattr(RiverTraining, "train", train)
+    seen: dict[str, Any] = {"settings": {"policy": "cnn"}, "observation": "rgb+mask"}
+    begun = Arm(
+        "CPO",
+        name="begun",
+        begin_with="packaged",
+        before=(Stage("PPO", "Easy", 50_000, settings={"policy": "cnn"}),),
+        **seen,
+    )
+    suite = Suite("mine", (Arm("PPO", name="PPO", **seen), begun), baselines=(), packaged=False)
+    for name in ("PPO", "begun"):
+        RiverBackend(suite).train(Run("train", name, 0), tmp_path)
+    assert given == [
+        ("PPO", None, "rgb+mask", None),
+        ("PPO", None, "rgb+mask", PACKAGED_POLICY),
+        ("CPO", None, "rgb+mask", tmp_path / ".before" / "0"),
+    ]
 
 
 def test_an_arm_sees_the_codes_of_its_own_encoder_or_of_the_suites_each_loaded_once(

@@ -10,7 +10,7 @@ import pytest
 
 from tests.bench.small_backend import ARMS, SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.execute.runner import Outcome, run_suite
+from thalweg.bench.execute.runner import Outcome, run_suite, versions_of
 from thalweg.bench.leaderboard import entries, leaderboard
 from thalweg.bench.report.comparison_tables import limit_table, pairwise_table
 from thalweg.bench.report.report import problems, write_report
@@ -19,6 +19,7 @@ from thalweg.bench.results import outdated, reading, run_versions
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.run_versions import current_versions, read_versions, some_critics_are_asymmetric
+from thalweg.bench.suite.config import Arm, Run, Suite
 from thalweg.core import versions
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
@@ -162,6 +163,13 @@ def test_outdated_runs_are_shown_under_names_of_their_own(folder: Path, newer_fr
     assert {f"Outdated: {name}; the suite runs it again" for name in old.values()} < set(problems(results))
     assert {"hover", *old.values()} <= set(paper_table(results).text["policy"])
     assert results.films["films/PPO-best"].words.endswith(f"Outdated: {newer_frames}.")
+
+
+def test_a_run_that_begins_with_the_packaged_policy_depends_on_its_version():
+    begun = Arm("PPO", settings={"policy": "cnn"}, observation="rgb+mask", begin_with="packaged")
+    suite = Suite("mine", (begun, replace(begun, name="fresh", begin_with="")), packaged=False)
+    found = {name: versions_of(suite, Run("train", name, 0)) for name in (begun.label, "fresh")}
+    assert found.pop(begun.label) == {**found.pop("fresh"), "packaged": versions.PACKAGED_POLICY}
 
 
 def test_outdated_runs_of_one_version_can_be_read_as_recorded(folder: Path, newer_frames: str):

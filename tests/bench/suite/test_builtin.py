@@ -128,6 +128,9 @@ def test_each_builtin_suite_can_be_written_as_a_file(name: str, tmp_path: Path):
     assert load_suite(written(tmp_path, yaml.safe_dump(data))).as_data() == SUITES[name].as_data()
 
 
+OBSERVATIONS = r"'frames', 'privileged', 'rgb\+mask', 'rgb', 'mask'"
+
+
 @pytest.mark.parametrize(
     ("data", "said"),
     [
@@ -156,10 +159,10 @@ def test_each_builtin_suite_can_be_written_as_a_file(name: str, tmp_path: Path):
             r"seeds\[0\] must be a whole number .*, got True",
         ),
         ({"arms": [{"algorithm": "PPO", "settings": [1]}]}, r"settings must be a mapping, got \[1\]"),
-        ({"arms": [], "observation": "eye"}, "observation must be one of 'frames', 'privileged', got 'eye'"),
+        ({"arms": [], "observation": "eye"}, f"observation must be one of {OBSERVATIONS}, got 'eye'"),
         (
             {"arms": [{"algorithm": "PPO", "observation": 3}]},
-            r"arms\[0\]\.observation must be one of 'frames', 'privileged' or None, got 3",
+            rf"arms\[0\]\.observation must be one of {OBSERVATIONS} or None, got 3",
         ),
         ({"arms": [], "world_seeds": "9:3"}, "world_seeds: seeds of rivers: 9:3 holds no seed; write 3:9"),
         (
@@ -176,6 +179,31 @@ def test_each_builtin_suite_can_be_written_as_a_file(name: str, tmp_path: Path):
 def test_an_invalid_value_is_named_with_its_path(tmp_path: Path, data: Any, said: str):
     with pytest.raises(ResultsError, match=f"mine.yaml.*{said}"):
         load_suite(written(tmp_path, yaml.safe_dump(data)))
+
+
+def test_an_arm_of_images_is_named_after_them():
+    assert Arm("PPO", settings={"policy": "cnn"}, observation="rgb+mask").label == "PPO-rgb-mask"
+
+
+CNN = {"algorithm": "PPO", "settings": {"policy": "cnn"}}
+
+
+@pytest.mark.parametrize(
+    ("arm", "said"),
+    [
+        (CNN, r"PPO: policy=cnn sees images: set observation to rgb\+mask or rgb or mask, not frames"),
+        ({"algorithm": "PPO", "observation": "mask"}, "the observation mask is for policies with convolutions"),
+        (CNN | {"observation": "rgb", "begin_with": "packaged"}, r"the packaged policy sees rgb\+mask, not rgb"),
+        ({"algorithm": "PPO", "begin_with": "packaged"}, r"the packaged policy sees rgb\+mask, not frames"),
+        ({"algorithm": "PPO", "begin_with": "mine"}, "begin_with must be one of '', 'packaged', got 'mine'"),
+        (CNN | {"observation": "rgb+mask", "begin_with": "packaged", "steps": 2048}, "critic_warmup_steps must be at"),
+    ],
+)
+def test_an_arm_of_images_says_which_and_begins_with_a_policy_that_sees_them(
+    tmp_path: Path, arm: dict[str, Any], said: str
+):
+    with pytest.raises(ResultsError, match=said):
+        load_suite(written(tmp_path, yaml.safe_dump({"arms": [arm]})))
 
 
 def test_numbers_may_be_written_with_an_exponent(tmp_path: Path):

@@ -6,7 +6,7 @@ from thalweg.algos.registry import ALGORITHMS, algorithm_named
 from thalweg.bench.fronts.fronts import cost_limits, front_of, points_of, read_fronts
 from thalweg.bench.suite.builtin import load_suite
 from thalweg.bench.suite.config import Run
-from thalweg.bench.suite.priced import LIMITS, arms_of
+from thalweg.bench.suite.priced import LIMITS, SEEING, arms_of, seeing_arms
 from thalweg.core import versions
 from thalweg.env import EnvConfig
 from thalweg.env.tasks import PAPER_TASK, TASKS, TaskName
@@ -14,7 +14,8 @@ from thalweg.env.tasks import PAPER_TASK, TASKS, TaskName
 
 def test_each_task_with_a_price_has_a_suite():
     assert set(LIMITS) == set(TASKS) - {PAPER_TASK}
-    assert {load_suite(task).task for task in LIMITS} == set(LIMITS)
+    for suffix in ("", "-frames"):
+        assert {load_suite(task + suffix).task for task in LIMITS} == set(LIMITS)
 
 
 @pytest.mark.parametrize("task", LIMITS)
@@ -57,6 +58,33 @@ def test_limits_lie_between_the_ends_of_the_front(task: TaskName):
 def test_limits_stay_the_same_while_a_policy_learns(task: TaskName):
     limited = [arm for arm in arms_of(task) if "cost_limit" in arm.settings]
     assert len(limited) == 3 * (len(ALGORITHMS) - 1)
-    for arm in limited:
+    for arm in (*limited, *(arm for arm in seeing_arms(task) if arm.algorithm != "PPO")):
         config = algorithm_named(arm.algorithm).configure(dict(arm.settings))
         assert {config.limits_at(share) for share in (0.0, 0.5, 1.0)} == {(arm.settings["cost_limit"],)}
+
+
+@pytest.mark.parametrize(
+    ("task", "limits"), [("Swimmers", (15, 32)), ("RacingLine", (2.3, 4.2)), ("Nests", (23,)), ("Portage", (9.2,))]
+)
+def test_seven_algorithms_learn_through_frames_at_the_middle_limit_and_in_two_tasks_at_the_generous_one(
+    task: TaskName, limits: tuple[float, ...]
+):
+    suite = load_suite(f"{task.lower()}-frames")
+    assert suite.task == task and suite.world_seeds == tuple(range(1000, 1016))
+    coded = [arm for arm in suite.arms if arm.observation is None]
+    runs = [Run("train", arm.label, 0) for arm in coded]
+    assert {(suite.observation_of(run), suite.encoder_of(run)) for run in runs} == {("frames", "geometry-tasks")}
+    found = {name: [arm.settings.get("cost_limit") for arm in coded if arm.algorithm == name] for name in SEEING}
+    assert found.pop("PPO") == [None] and list(found.values()) == [list(limits)] * 6
+    assert {(arm.steps, arm.seeds) for arm in suite.arms} == {(200_000, (0, 1, 2))}
+    assert [str(trial) for trial in suite.trials(runs[0])] == ["Medium", "Medium, unseen"]
+
+
+def test_policies_with_convolutions_learn_to_mind_swimmers_from_nothing_and_from_the_packaged_policy():
+    arms = {arm.label: arm for arm in load_suite("swimmers-frames").arms if arm.observation == "rgb+mask"}
+    begun = {"PPOLag-cnn-15": "", "PPOLag-imitated-15": "packaged", "CPO-imitated-15": "packaged"}
+    assert {name: arm.begin_with for name, arm in arms.items()} == begun
+    for name, arm in arms.items():
+        config = algorithm_named(arm.algorithm).configure(dict(arm.settings))
+        assert config.cost_limit == 15.0 and config.sees_images
+        assert config.imitation_weight(0.0) == (1.0 if begun[name] else 0.0) and config.imitation_weight(0.5) == 0.0

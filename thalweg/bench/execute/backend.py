@@ -20,7 +20,7 @@ from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
 from thalweg.train import load_policy
-from thalweg.train.observations import check_policy_fits, observation_of
+from thalweg.train.observations import FRAMES, check_policy_fits, observation_of
 from thalweg.train.river import RiverTraining, load_compatible_encoder
 
 PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
@@ -108,7 +108,8 @@ class RiverBackend:
 
     def train(self, run: Run, folder: Path) -> None:
         """Train on the arm's levels, one stage after another."""
-        arm, before = self.suite.arm(run.algorithm), None
+        arm = self.suite.arm(run.algorithm)
+        before = PACKAGED_POLICY if arm.begin_with else None
         for number, stage in enumerate(arm.before):
             stage_folder = folder / STAGES / str(number)
             self._train(run, stage, stage.level, stage_folder, before)
@@ -116,10 +117,11 @@ class RiverBackend:
         self._train(run, arm, self.suite.level_of(arm), folder, before)
 
     def _train(self, run: Run, stage: Stage | Arm, level: str, folder: Path, begin_with: Path | None) -> None:
-        seeds = self.suite.seeds_of(self.suite.arm(run.algorithm), stage)
+        seeds, seen = self.suite.seeds_of(self.suite.arm(run.algorithm), stage), self.suite.observation_of(run)
         RiverTraining(level, self.suite.num_envs, seeds, self.suite.rules).train(
             stage.algorithm,
-            self.encoder(run) if self.suite.observation_of(run) == "frames" else None,
+            self.encoder(run) if seen == FRAMES else None,
+            observation=seen,
             steps=stage.steps,
             seed=run.seed,
             folder=folder,

@@ -186,6 +186,7 @@ def versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
         asymmetric_critics=some_critics_are_asymmetric(
             (stage.algorithm, stage.settings, stage.preset) for stage in stages
         ),
+        begins_with_packaged=bool(arm.begin_with),
         task=suite.task,
         forces=suite.forces.push,
     )

@@ -202,6 +202,7 @@ def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[
             observation=observation_of(suite, arm),
             encoder=encoder_of(suite, arm),
             asymmetric_critics=some_critics_are_asymmetric(stages),
+            begins_with_packaged=bool(arm.get("begin_with")),
             **where,
         )
     known = (

@@ -44,16 +44,17 @@ def current_versions(
     observation: str = FRAMES,
     encoder: str = DEFAULT,
     asymmetric_critics: bool = False,
+    begins_with_packaged: bool = False,
     task: str = "River",
     forces: bool = False,
 ) -> dict[str, int | None]:
     """The versions that a run of a kind (`train`, `baseline`, `packaged` or `function`) depends on.
 
     `algorithms` are those of all stages of its training, or a baseline's name; the version of a function is not among
-    them. `observation` is what a trained policy
-    sees: only codes of frames depend on the packaged `encoder` of this name, and only the privileged observation does
-    not depend on the renderer; `asymmetric_critics` is whether the critics of some stage see the privileged one as
-    well. The packaged policy sees images; baselines see nothing. Only results of a `task` beside the paper's depend on
+    them. `observation` is what a trained policy sees: only codes of frames depend on the packaged `encoder` of this
+    name, and only the privileged observation does not depend on the renderer; `asymmetric_critics` is whether the
+    critics of some stage see the privileged one as well, and `begins_with_packaged` whether training begins with the
+    packaged policy, which sees images; baselines see nothing. Only results of a `task` beside the paper's depend on
     the tasks, and where frames show its objects, on these; only those under `forces` on wind, current and inertia.
     """
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
@@ -70,15 +71,16 @@ def current_versions(
         render["props"] = versions.PROPS
     if encoder != DEFAULT:
         coded = {encoder: _version_of_encoder(encoder)}
+    packaged = {"packaged": versions.PACKAGED_POLICY}
     if kind == "packaged":
-        return rivers | render | {"packaged": versions.PACKAGED_POLICY}
+        return rivers | render | packaged
     seen = (render if observation != PRIVILEGED else {}) | (coded if observation == FRAMES else {})
     if observation == PRIVILEGED or asymmetric_critics:
         seen["privileged"] = versions.PRIVILEGED
     if kind == "function":
         return rivers | seen
     learning = {name: version_of(name) for name in algorithms}
-    return rivers | seen | {"training": versions.TRAINING} | learning
+    return rivers | seen | (packaged if begins_with_packaged else {}) | {"training": versions.TRAINING} | learning
 
 
 def _task(name: str) -> Task:

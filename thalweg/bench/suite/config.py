@@ -24,11 +24,14 @@ from thalweg.env.config import EnvConfig
 from thalweg.env.forces.options import ForceOptions
 from thalweg.env.tasks import task_names
 from thalweg.train.errors import TrainingError
-from thalweg.train.run import check_warmup
+from thalweg.train.observations import IMAGES
+from thalweg.train.run import check_warmup, sees_images
 from thalweg.world import LEVELS
 
 PACKAGED = "packaged"
 """Name of the policy that comes with the package, as an algorithm of a result."""
+PACKAGED_SEES = "rgb+mask"
+"""What that policy sees, see `thalweg.train.observations`."""
 Count = Annotated[WholeNumber, Field(ge=1)]
 Seed = Annotated[WholeNumber, Field(ge=0)]
 
@@ -49,8 +52,9 @@ def _seeds(value: Any) -> tuple[int, ...]:
 
 RiverSeeds = Annotated[tuple[int, ...], BeforeValidator(_seeds)]
 """Seeds of rivers to train on: numbers, and ranges such as "1000:1016", whose end is excluded."""
-Observation = Literal["frames", "privileged"]
-"""What trained policies see: frames through a packaged encoder, or the privileged observation."""
+Observation = Literal["frames", "privileged", "rgb+mask", "rgb", "mask"]
+"""What trained policies see: frames through a packaged encoder, the privileged observation, or, with the setting
+policy=cnn, images."""
 EncoderName = str
 """An encoder that comes with the package, the autoencoder's `default` or `geometry`, which predicts the ideal eye, or
 one of a plug-in."""
@@ -94,6 +98,8 @@ class Arm:
     """Encoder of the frames in all stages; if None, that of the suite."""
     world_seeds: RiverSeeds = ()
     """Seeds of the level's rivers; if empty, those of the suite."""
+    begin_with: Literal["", "packaged"] = ""
+    """What the first stage starts from: the policy that comes with the package, or weights drawn by the seed."""
 
     @model_validator(mode="after")
     def _check(self) -> "Arm":
@@ -107,13 +113,16 @@ class Arm:
     @property
     def label(self) -> str:
         preset = None if self.preset == "default" else self.preset
-        return self.name or "-".join(part for part in (self.algorithm, preset, self.observation, self.encoder) if part)
+        seen = self.observation and self.observation.replace("+", "-")
+        return self.name or "-".join(part for part in (self.algorithm, preset, seen, self.encoder) if part)
 
     def as_data(self) -> dict[str, Any]:
         """Return plain data for JSON, with the label as the name; without an observation, an encoder or rivers
-        that are the suite's, as before arms had them."""
+        that are the suite's, and a policy to begin with if there is none, as before arms had them."""
         before = [_without(to_plain(stage), world_seeds=[]) | _rivers(stage.world_seeds) for stage in self.before]
-        own = _without(to_plain(self), observation=None, encoder=None, world_seeds=[]) | _rivers(self.world_seeds)
+        own = _without(to_plain(self), observation=None, encoder=None, world_seeds=[], begin_with="") | _rivers(
+            self.world_seeds
+        )
         return own | {"before": before, "name": self.label}
 
 
@@ -229,12 +238,26 @@ class Suite:
             for index, each in enumerate((*arm.before, arm)):
                 try:
                     config = algorithm_named(each.algorithm).configure(dict(each.settings), each.preset, self.num_envs)
-                    if index:  # it begins with the policy of the stage before
+                    if index or arm.begin_with:  # it begins with the policy of the stage before, or another one
                         check_warmup(config, each.steps, self.num_envs)
+                    self._check_sight(arm, sees_images(config))
                 except (AlgorithmError, PluginError, TrainingError) as error:
                     stage = f", stage {index + 1}" if arm.before else ""
                     raise ValueError(f"suite {self.name}, {arm.label}{stage}: {error}") from error
         return self
+
+    def _check_sight(self, arm: Arm, has_convolutions: bool) -> None:
+        """Raise `TrainingError` unless what an arm's policies see goes with whether they have convolutions."""
+        seen = arm.observation or self.observation
+        if has_convolutions and seen not in IMAGES:
+            raise TrainingError(f"policy=cnn sees images: set observation to {' or '.join(IMAGES)}, not {seen}")
+        if seen in IMAGES and not has_convolutions:
+            raise TrainingError(f"the observation {seen} is for policies with convolutions: set policy=cnn")
+        if arm.begin_with and seen != PACKAGED_SEES:
+            raise TrainingError(
+                f"the packaged policy sees {PACKAGED_SEES}, not {seen}: leave begin_with out, or set policy=cnn and"
+                f" observation to {PACKAGED_SEES}"
+            )
 
     def _check_known(self) -> None:
         """Raise `ValueError` for an algorithm, a level or a baseline that does not exist."""

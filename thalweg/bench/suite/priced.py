@@ -1,11 +1,14 @@
-"""Suites of the tasks where a limit has a price: every algorithm at three cost limits, by the ideal eye."""
+"""Suites of the tasks where a limit has a price: every algorithm at three cost limits by the ideal eye, and some
+through frames."""
 
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 from thalweg.algos.onpolicy.config import OnPolicyConfig
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.evaluate.conditions import CONDITIONS
-from thalweg.bench.suite.config import Arm, Suite
+from thalweg.bench.suite.config import PACKAGED, PACKAGED_SEES, Arm, Suite
 from thalweg.env.tasks import TaskName
 
 LIMITS: Mapping[TaskName, tuple[float, float, float]] = {
@@ -19,6 +22,16 @@ return on the fixed river of Medium (`thalweg.bench.fronts.fronts.cost_limits`).
 `thalweg.core.versions.TASKS` of the tasks."""
 TRAINED_ON = tuple(range(1000, 1016))
 """Rivers of training: a policy that is trained on one river learns that river."""
+SEEING = ("PPO", "PPOLag", "FOCOPS", "P3O", "CPO", "CUP", "SACLag")
+"""Algorithms that learn through frames."""
+SEEING_LIMITS: Mapping[TaskName, tuple[float, ...]] = {
+    task: limits[1:] if task in ("Swimmers", "RacingLine") else limits[1:2] for task, limits in LIMITS.items()
+}
+"""Their cost limits: the middle one, and in two tasks the generous one too."""
+SEEING_ENCODER = "geometry-tasks"
+"""Encoder of their frames, which tells swimmers, boats, buoys and stations too."""
+CONTROLLED: TaskName = "Swimmers"
+"""Task in which policies with convolutions of their own are trained beside them, at the middle limit."""
 
 
 def arms_of(task: TaskName) -> tuple[Arm, ...]:
@@ -35,9 +48,38 @@ def arms_of(task: TaskName) -> tuple[Arm, ...]:
             arms.append(Arm(name, steps=steps))
             continue
         for limit in LIMITS[task]:
-            settings = {"cost_limit": limit, "cost_limit_schedule": []}
-            arms.append(Arm(name, settings=settings, steps=steps, name=f"{name}-{limit:g}"))
+            arms.append(Arm(name, settings=_constant(limit), steps=steps, name=f"{name}-{limit:g}"))
     return tuple(arms)
+
+
+def _constant(limit: float) -> dict[str, Any]:
+    """Return the settings of a limit that stays the same."""
+    return {"cost_limit": limit, "cost_limit_schedule": []}
+
+
+def seeing_arms(task: TaskName) -> tuple[Arm, ...]:
+    """Return an arm of each of `SEEING` for each of its limits of a task, named after both, and one where there is no
+    limit; of the task `CONTROLLED` also those of `_with_convolutions`."""
+    arms = []
+    for name in SEEING:
+        if hasattr(ALGORITHMS[name].configure({}), "cost_limit"):
+            arms += [Arm(name, settings=_constant(limit), name=f"{name}-{limit:g}") for limit in SEEING_LIMITS[task]]
+        else:
+            arms.append(Arm(name))
+    return (*arms, *(_with_convolutions(task) if task == CONTROLLED else ()))
+
+
+def _with_convolutions(task: TaskName) -> tuple[Arm, ...]:
+    """Return arms of policies that learn their convolutions too: PPOLag from nothing, and PPOLag and CPO from the
+    packaged policy, which was imitated on the paper's task, with a KL from it that vanishes after half of the run."""
+    limit = LIMITS[task][1]
+    settings = {"policy": "cnn"} | _constant(limit)
+    near = settings | {"imitation_kl": 1.0, "imitation_kl_share": 0.5}
+    begun: dict[str, Any] = {"settings": near, "observation": PACKAGED_SEES, "begin_with": PACKAGED}
+    return (
+        Arm("PPOLag", settings=settings, observation=PACKAGED_SEES, name=f"PPOLag-cnn-{limit:g}"),
+        *(Arm(name, name=f"{name}-imitated-{limit:g}", **begun) for name in ("PPOLag", "CPO")),
+    )
 
 
 def suite_of(task: TaskName) -> Suite:
@@ -53,4 +95,17 @@ def suite_of(task: TaskName) -> Suite:
     )
 
 
-PRICED_SUITES = tuple(map(suite_of, LIMITS))
+def seeing_suite_of(task: TaskName) -> Suite:
+    """Return the suite of a task through frames, with `-frames` after the name of the other: on the level of training
+    alone, on its fixed river and on unseen ones."""
+    return replace(
+        suite_of(task),
+        name=f"{task.lower()}-frames",
+        arms=seeing_arms(task),
+        test_levels=("Medium",),
+        observation="frames",
+        encoder=SEEING_ENCODER,
+    )
+
+
+PRICED_SUITES = (*map(suite_of, LIMITS), *map(seeing_suite_of, LIMITS))

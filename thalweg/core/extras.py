@@ -1,7 +1,7 @@
 """Optional dependencies: which extra of the package installs a module that is missing."""
 
 EXTRAS = {
-    "learn": ("torch", "tensorboard", "rich"),
+    "learn": ("torch", "filelock", "tensorboard", "rich"),
     "cli": ("tyro", "rich"),
     "plot": ("matplotlib", "pandas", "jinja2"),
     "film": ("imageio_ffmpeg",),

@@ -89,6 +89,14 @@ def test_an_interrupted_recording_says_what_it_has_and_the_same_command_makes_th
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
+@pytest.mark.parametrize("form", ["lerobot", "minari"])
+def test_the_folder_may_be_relative(form: str, tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    options = ["--level", "easy", "--episodes", "1", "--steps", "2", "--size", "32", "--layers", "mask"]
+    assert main(["record", "pilot", *options, "--format", form, "--out", "new/flights"]) == 0
+    assert [flight.steps for flight in read_recordings(Path("new/flights"))[1]] == [2]
+
+
 def test_a_saved_flight_is_one_flight(capsys: pytest.CaptureFixture):
     assert main(["record", "x.npz", "--episodes", "3"]) == 2
     assert "--episodes and --world-seeds do not go with x.npz, which is one flight" in capsys.readouterr().err

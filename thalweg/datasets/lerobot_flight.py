@@ -126,7 +126,9 @@ class LeRobotFlight:
         arrays = {key: _arrow(columns[key], of) for key, of in self._features.items() if of["dtype"] != "video"}
         table = pyarrow.table(arrays)
         if self._table is None:
-            self._table = pyarrow.parquet.ParquetWriter(self._place.table, table.schema, compression="zstd")
+            self._table = pyarrow.parquet.ParquetWriter(
+                self._place.table, table.schema, compression="zstd", use_dictionary=False
+            )
         self._table.write_table(table)
         if self._video is not None:
             for frame in columns[layout.CAMERA]:

@@ -63,7 +63,7 @@ class MinariWriter:
         import minari
         from minari.dataset.minari_storage import MinariStorage
 
-        kind, folder = self._flights[0]["kind"], self._draft.folder / DATA
+        kind, folder = self._flights[0]["kind"], (self._draft.folder / DATA).absolute()
         for old in folder.glob("*"):  # of a command that was killed here
             old.unlink()
         folder.mkdir(exist_ok=True)

@@ -20,7 +20,7 @@ from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
 from thalweg.train import load_policy
-from thalweg.train.observations import check_policy_fits, observation_of
+from thalweg.train.observations import camera_of, check_policy_fits, observation_of
 from thalweg.train.river import RiverTraining, load_compatible_encoder
 
 PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
@@ -147,7 +147,12 @@ class RiverBackend:
             check_masks(policy, encoder)
         if trial.condition != MAIN or sees not in DRAWN:
             return [observation_function(policy, course, encoder, shielded=shielded) for course in courses]
-        view = trial.level, observation_of(policy), "" if encoder is None else self.suite.encoder_of(run)
+        view = (
+            trial.level,
+            observation_of(policy),
+            camera_of(policy),
+            "" if encoder is None else self.suite.encoder_of(run),
+        )
         if view not in self._observers:
             self._observers[view] = observation_function(policy, courses[0].world, encoder)
         return [self._observers[view]]

@@ -34,7 +34,7 @@ from thalweg.algos.common.errors import AlgorithmError  # noqa: E402
 from thalweg.algos.policy.policy_file import load_policy  # noqa: E402
 from thalweg.bench.csv_files import ResultsError  # noqa: E402
 from thalweg.bench.evaluate.episodes import read_episodes  # noqa: E402
-from thalweg.bench.results.reading import read_training  # noqa: E402
+from thalweg.bench.results.curve import CURVE, read_training  # noqa: E402
 from thalweg.bench.results.results import RunRow, read_runs  # noqa: E402
 from thalweg.bench.results.run_versions import read_versions  # noqa: E402
 from thalweg.bench.suite.builtin import SUITES, load_suite  # noqa: E402
@@ -377,6 +377,13 @@ KINDS: dict[str, Kind] = {
     "training": Kind(
         "episodes.csv",
         lambda _: [(TINY / "runs" / "PPO-0" / "episodes.csv").read_bytes()],
+        mutated_table,
+        lambda path: read_training(path, TRAINED),
+        (ResultsError,),
+    ),
+    "curve": Kind(
+        CURVE,
+        lambda _: [(TINY / "runs" / "PPO-0" / CURVE).read_bytes()],
         mutated_table,
         lambda path: read_training(path, TRAINED),
         (ResultsError,),

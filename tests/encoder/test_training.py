@@ -21,7 +21,7 @@ from thalweg.encoder import (
     reconstruction_mse,
     train_encoder,
 )
-from thalweg.encoder.training import _State, epoch_generator, resolve_precision
+from thalweg.encoder.training import ENCODER_FOLDER, _State, epoch_generator, resolve_precision
 
 CONFIG = VAEConfig(latent=6, size_px=64)
 
@@ -185,3 +185,9 @@ def test_a_figure_needs_an_image(images, tmp_path):
 def test_an_explicit_precision_is_used():
     assert resolve_precision("float32") == "float32" and resolve_precision("bfloat16") == "bfloat16"
     assert resolve_precision("auto") in ("float32", "bfloat16")
+
+
+def test_a_folder_in_which_another_process_trains_is_refused(images, tmp_path):
+    with ENCODER_FOLDER.locked(tmp_path), pytest.raises(EncoderFileError, match="another command is writing to"):
+        train(images, tmp_path)
+    assert list(tmp_path.iterdir()) == []

@@ -20,8 +20,9 @@ from tests.train.small_runs import SMALL, SMALL_REPLAY, STEPS, Stop, StopsAt, nu
 from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, AlgorithmError, LimitWarning, NotFiniteError, Policy
 from thalweg.core.compute.torch_threads import torch_threads
-from thalweg.train import ResumeWarning, ShortRunWarning, load_policy
+from thalweg.train import ResumeWarning, ShortRunWarning, TrainingError, load_policy
 from thalweg.train.folder.checkpoint import load_checkpoint
+from thalweg.train.folder.run_record import RUN_FOLDER
 
 
 @pytest.fixture(scope="module", params=list(ALGORITHMS))
@@ -368,3 +369,10 @@ def test_a_preset_is_resolved_and_written_down_and_settings_go_on_top(tmp_path):
 def test_the_bar_shows_and_is_gone_afterwards(tmp_path, capsys):
     train(tmp_path, progress=True, steps=300)
     assert "FOCOPS, seed 3" in capsys.readouterr().err
+
+
+def test_a_run_that_another_process_trains_is_refused(tmp_path: Path):
+    with RUN_FOLDER.locked(tmp_path), pytest.raises(TrainingError, match="another command is writing to"):
+        train(tmp_path)
+    assert not (tmp_path / "metrics.csv").exists()
+    assert train(tmp_path).already_finished is False

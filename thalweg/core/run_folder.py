@@ -1,10 +1,13 @@
 """Ownership of folders: a folder belongs to the run, suite or study whose record lies in it.
 
-All kinds of folders in which an interrupted command resumes use this module.
+All kinds of folders in which an interrupted command resumes use this module. While a command writes to a folder it
+holds the folder's lock, so that a second one, such as the same command started twice, is refused: both would write to
+the same files.
 """
 
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +16,10 @@ from thalweg.core.atomic_io import write_atomic
 
 MAX_NAMED = 4
 """Maximum number of differences, or of files, that a message names."""
+LOCK = ".lock"
+"""File of a folder that a command holds; the system frees it when the process ends, however it ends."""
+WAIT_S = 0.5
+"""Time in which a command that is just ending may free its folder, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +44,8 @@ class FolderKind:
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if not existing.is_dir():
             raise self.error(f"{existing} is not a folder; give a new folder for the {self.owner}")
-        names = sorted(path.name for path in folder.glob("[!.]*" if self.ignores_hidden else "*"))
+        found = (path.name for path in folder.glob("[!.]*" if self.ignores_hidden else "*"))
+        names = sorted(name for name in found if name != LOCK)
         if names:
             raise self.error(
                 f"{folder} holds {', '.join(names[:MAX_NAMED])}{_more(names, ' and {} more')}, but no {self.record}:"
@@ -66,6 +74,30 @@ class FolderKind:
                 f" {recorded['content']} and is {requested['content']} now. Restore the old file to resume, or choose"
                 " another folder."
             )
+
+    @contextmanager
+    def locked(self, folder: Path) -> Iterator[None]:
+        """Hold the folder, which is created if it does not exist, while the block writes to it.
+
+        Raises the kind's error if another command holds it.
+        """
+        from filelock import FileLock, Timeout  # not in an installation that only flies
+
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / LOCK, timeout=WAIT_S)
+        try:
+            lock.acquire()
+        except Timeout:
+            raise self.error(
+                f"another command is writing to {folder}: wait until it has ended, or give another folder for the"
+                f" {self.owner}"
+            ) from None
+        try:
+            yield
+        finally:
+            with suppress(OSError):  # Windows removes it when it is freed
+                (folder / LOCK).unlink()
+            lock.release()
 
     def write_json(self, folder: Path, record: Mapping[str, Any]) -> None:
         """Write the record as JSON, atomically."""

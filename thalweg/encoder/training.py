@@ -91,7 +91,7 @@ def train_encoder(
 
     `held_out` images, drawn by `seed`, are only measured. `precision` is "float32", "bfloat16" or "auto": bfloat16
     where the machine has instructions for it. Raises `EncoderInputError` for images or settings that don't fit, and
-    `EncoderFileError` when the folder holds another run or a damaged checkpoint.
+    `EncoderFileError` when the folder holds another run or a damaged checkpoint, or another process is at it.
     """
     check_images(images, config, held_out)
     if epochs < 1 or batch < 2:
@@ -113,7 +113,7 @@ def train_encoder(
     rows = state.resume(folder / "checkpoint.safetensors")
     if progress:
         say_resumed(folder, len(rows), epochs)
-    with progress_bar(progress) as bar:
+    with ENCODER_FOLDER.locked(folder), progress_bar(progress) as bar:
         task = bar.add_task("training the encoder", total=epochs, completed=len(rows), note="")
         for epoch in range(len(rows), epochs):
             started = time.perf_counter()

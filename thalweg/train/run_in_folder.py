@@ -105,7 +105,17 @@ def result_of(folder: Path, status: dict[str, Any], resumed_from: int | None, al
 def train_to_end(
     folder: Path, trainer: AnyTrainer, identity: dict[str, Any], *, progress: bool, checkpoint_seconds: float
 ) -> RunResult:
-    """Start or resume a run in its folder, and write its policy at the end; `identity` is that of `open_folder`."""
+    """Start or resume a run in its folder, and write its policy at the end; `identity` is that of `open_folder`.
+
+    Raises `TrainingError` if another process is at it.
+    """
+    with run_record.RUN_FOLDER.locked(folder):
+        return _train_to_end(folder, trainer, identity, progress, checkpoint_seconds)
+
+
+def _train_to_end(
+    folder: Path, trainer: AnyTrainer, identity: dict[str, Any], progress: bool, checkpoint_seconds: float
+) -> RunResult:
     checkpoint = load_checkpoint(folder)
     if checkpoint is None:
         step, state, log = None, None, RunLog(folder)

@@ -6,7 +6,7 @@ import pytest
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import END_COLUMNS, Episode, read_episodes, write_episodes
-from thalweg.bench.results.reading import read_training
+from thalweg.bench.results.curve import read_training
 from thalweg.bench.results.results import RunRow, read_runs, write_runs
 
 START = (0.0, 0.0, 5.0, 0.1)

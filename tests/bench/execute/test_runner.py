@@ -19,7 +19,7 @@ from thalweg.bench.evaluate.episodes import REASON_TEXT, read_episodes, write_ep
 from thalweg.bench.execute import backend
 from thalweg.bench.execute.backend import installed_versions
 from thalweg.bench.execute.filming import best_of_all, policy_shots
-from thalweg.bench.execute.runner import run_suite, selected_runs
+from thalweg.bench.execute.runner import RESULTS_FOLDER, run_suite, selected_runs
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import evaluation_path, read_runs
 from thalweg.bench.suite.builtin import STUDIED, SUITES, suite_named
@@ -406,3 +406,10 @@ def test_the_help_says_what_may_be_done_alone_and_its_examples_can_be(
         assert {run.algorithm for run in selected_runs(SUITES["paper"], (name,))} == {name}
     runs = selected_runs(SUITES["paper"], ("FOCOPS", "PPO-0"))
     assert [run.name for run in runs] == ["PPO-0", "FOCOPS-0", "FOCOPS-1", "FOCOPS-2"]
+
+
+def test_a_suite_that_another_process_executes_is_refused(tmp_path: Path):
+    backend_ = SmallBackend()
+    with RESULTS_FOLDER.locked(tmp_path), pytest.raises(ResultsError, match="another command is writing to"):
+        run_suite(SUITE, tmp_path, backend_)
+    assert backend_.calls == []

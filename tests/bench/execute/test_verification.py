@@ -50,6 +50,15 @@ def test_a_run_that_is_made_again_agrees_to_the_bit(recorded: Path, tmp_path: Pa
     assert not (tmp_path / "fresh" / "report").exists()
 
 
+def test_a_run_whose_episodes_are_not_kept_is_compared_by_its_curve(recorded: Path, tmp_path: Path):
+    for path in recorded.glob("runs/*/episodes.csv"):
+        path.unlink()
+    (outcome,) = verify(SUITE, recorded, tmp_path / "fresh", ONLY, RecordingBackend())
+    assert outcome.reproduced and (outcome.parts[0].name, outcome.parts[0].rows) == ("curve", 1)
+    (outcome,) = verify(SUITE, recorded, tmp_path / "other", ONLY, RecordingBackend(returns=(1.5, 2.25)))
+    assert outcome.parts[0].differences == ("line 2: return 2.0 there, 1.875 here",)
+
+
 def test_a_changed_number_in_the_flights_is_found_and_named(recorded: Path, tmp_path: Path):
     path = recorded / "evaluation" / "PPO-0-Medium.csv"
     header, first, *rest = path.read_text().splitlines()

@@ -11,7 +11,7 @@ import pytest
 KINDS = (
     *("geojson", "geojson line", "overpass", "gpx", "kml", "world", "suite", "run config", "run status"),
     *("checkpoint arrays", "checkpoint state", "policy", "encoder", "flight", "suite record", "versions", "runs"),
-    *("episodes", "training"),
+    *("episodes", "training", "curve"),
 )
 
 

@@ -12,7 +12,7 @@ from thalweg.cli.main import main
 from thalweg.core.compute import device
 from thalweg.encoder import EncoderFileError, EncoderInputError, load_encoder
 from thalweg.encoder.geometry import GeometryNetwork
-from thalweg.encoder.geometry_training import write_geometry
+from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, write_geometry
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.privileged_state import privileged_state
 from thalweg.env.rivers.river_list import RiverList
@@ -188,3 +188,9 @@ def test_wrong_settings_are_refused_before_anything_is_drawn(
     with pytest.raises(EncoderInputError, match=message):
         run(tmp_path / "new", **options).run()
     assert not (tmp_path / "new").exists()
+
+
+def test_a_folder_in_which_another_process_trains_is_refused(tmp_path: Path):
+    with GEOMETRY_FOLDER.locked(tmp_path), pytest.raises(EncoderFileError, match="another command is writing to"):
+        run(tmp_path).run(progress=False)
+    assert list(tmp_path.iterdir()) == []

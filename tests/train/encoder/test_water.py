@@ -11,7 +11,7 @@ from thalweg.encoder import EncoderFileError, EncoderInputError
 from thalweg.encoder.files import read_tensors, write_tensors
 from thalweg.encoder.water import load_segmenter
 from thalweg.train.encoder import water
-from thalweg.train.encoder.water import WaterTraining, varied
+from thalweg.train.encoder.water import WATER_FOLDER, WaterTraining, varied
 
 
 def training(folder: Path, epochs: int = 2, **changes: int) -> WaterTraining:
@@ -140,3 +140,9 @@ def test_numbers_and_seeds_that_do_not_fit_are_refused(tmp_path: Path):
     with pytest.raises(EncoderInputError, match="1000 is in both"):
         WaterTraining(tmp_path / "run", held_out_seeds=(1000,)).run()
     assert not (tmp_path / "run").exists()
+
+
+def test_a_folder_in_which_another_process_trains_is_refused(tmp_path: Path, drawn: list[int]):
+    with WATER_FOLDER.locked(tmp_path), pytest.raises(EncoderFileError, match="another command is writing to"):
+        training(tmp_path).run(progress=False)
+    assert drawn == []

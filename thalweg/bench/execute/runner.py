@@ -9,6 +9,7 @@ import json
 import warnings
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from thalweg.bench.execute.executors import ExecutionContext, Executor, SerialEx
 from thalweg.bench.execute.feasible import check_feasible
 from thalweg.bench.execute.filming import film_flights
 from thalweg.bench.report.report import Report, write_report
+from thalweg.bench.results.curve import write_curve
 from thalweg.bench.results.outdated import discard, is_current, prepare
 from thalweg.bench.results.reading import read_results, with_films
 from thalweg.bench.results.results import Results, RunRow, read_runs, write_runs
@@ -93,7 +95,12 @@ def run_suite(
 
 def execute_runs(context: ExecutionContext, requested: Sequence[Run], executor: Executor) -> dict[str, RunRow]:
     """Execute what is left of some runs of a suite, in a folder that it has claimed; returns the rows of all of its
-    runs so far, by name."""
+    runs so far, by name. Raises `ResultsError` if another process executes runs of the folder."""
+    with RESULTS_FOLDER.locked(context.folder):
+        return _execute_runs(context, requested, executor)
+
+
+def _execute_runs(context: ExecutionContext, requested: Sequence[Run], executor: Executor) -> dict[str, RunRow]:
     suite, folder = context.suite, context.folder
     rows = {row.run: row for row in read_runs(folder)}
     pending = [run for run in requested if not _is_finished(run, suite, folder, rows.get(run.name))]
@@ -105,6 +112,10 @@ def execute_runs(context: ExecutionContext, requested: Sequence[Run], executor: 
         write_runs(folder, [rows[name] for name in runs if name in rows])
         if row.status == "finished":
             discard(folder, runs[row.run], suite.trials(runs[row.run]))
+    for run in requested:
+        if run.kind == "train" and rows[run.name].status == "finished":
+            with suppress(ResultsError):  # whoever reads the results names the file that cannot be used
+                write_curve(folder / "runs" / run.name, rows[run.name])
     return rows
 
 

@@ -12,6 +12,7 @@ from thalweg.bench.evaluate.episodes import COLUMNS, END_COLUMNS
 from thalweg.bench.execute.backend import Backend, RiverBackend
 from thalweg.bench.execute.executors import ExecutionContext, Executor, SerialExecutor
 from thalweg.bench.execute.runner import RESULTS_FOLDER, claim, comparable, execute_runs, selected_runs, versions_of
+from thalweg.bench.results.curve import training_file
 from thalweg.bench.results.reproduction import Part, Table, compare_means, compare_to_the_bit, other_conditions
 from thalweg.bench.results.results import evaluation_path, read_runs
 from thalweg.bench.results.run_versions import read_versions, version_label
@@ -73,10 +74,12 @@ def verify(
     return [_compared(suite, recorded, fresh, run) for run in requested]
 
 
-def tables_of(suite: Suite, run: Run) -> list[Table]:
-    """Return the files in which a run can be compared: the curve of its training, if it has one, and its flights."""
+def tables_of(suite: Suite, recorded: Path, run: Run) -> list[Table]:
+    """Return the files in which a run can be compared with that in a `recorded` folder: the curve of its training, if
+    it has one, by episodes or by blocks of them, whichever was kept, and its flights."""
     steps = suite.arm(run.algorithm).steps if run.kind == "train" else 0
-    curve = [Table(CURVE, "runs/{run}/episodes.csv", CURVE_COLUMNS, steps)] if steps else []
+    kept = training_file(recorded / "runs" / run.name).name
+    curve = [Table(CURVE, f"runs/{{run}}/{kept}", CURVE_COLUMNS, steps)] if steps else []
     columns = tuple(name for name in COLUMNS if name not in END_COLUMNS)
     flights = [
         Table(str(trial), evaluation_path(Path(), "{run}", trial).as_posix(), columns) for trial in suite.trials(run)
@@ -112,7 +115,7 @@ def _check_recorded(suite: Suite, recorded: Path, run: Run) -> None:
             f"{run.name} cannot be verified: it was made with {label}, and this copy of Thalweg has other versions;"
             " verify it with the version of Thalweg that made it"
         )
-    for table in tables_of(suite, run):
+    for table in tables_of(suite, recorded, run):
         if not (path := table.path(recorded, run.name)).is_file():
             raise ResultsError(f"{run.name} cannot be verified: there is no {path}")
 
@@ -121,7 +124,7 @@ def _compared(suite: Suite, recorded: Path, fresh: Path, run: Run) -> Verificati
     """Return how a run in one folder compares with that in another."""
     conditions = other_conditions(_made_under(recorded, run), _made_under(fresh, run))
     parts = []
-    for table in tables_of(suite, run):
+    for table in tables_of(suite, recorded, run):
         there, here = (table.path(folder, run.name) for folder in (recorded, fresh))
         part = compare_to_the_bit(table, there, here)
         if part.differences and conditions:

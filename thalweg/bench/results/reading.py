@@ -5,11 +5,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
 from thalweg.algos.registry import version_of
-from thalweg.bench.csv_files import ResultsError, finite, read_csv
+from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import Episode, read_episodes
+from thalweg.bench.results.curve import read_training, training_file
 from thalweg.bench.results.outdated import FOLDER as OUTDATED
 from thalweg.bench.results.results import (
     FILMS,
@@ -45,26 +44,6 @@ from thalweg.bench.suite.record import (
 )
 
 Value = TypeVar("Value")
-MOST_STEPS = 1e15
-"""Largest step of a training curve; whole numbers up to it are exact."""
-
-
-def read_training(path: Path, row: RunRow) -> TrainingLog:
-    """The finished episodes of a training run from its `episodes.csv`; raises `ResultsError`."""
-    columns = ("step", "return", "tight", "loose")
-    lines = read_csv(path, columns)
-    try:
-        values = {name: np.array([finite(line[name]) for line in lines]) for name in columns}
-        total = np.array([finite(line["cost"]) for line in lines]) if lines and "cost" in lines[0] else None
-    except ValueError as error:
-        raise ResultsError(f"{path.name}: {error}") from error
-    if bad := [step for step in values["step"] if not 0 <= step <= MOST_STEPS or step % 1]:
-        raise ResultsError(f"{path.name}: step must be a whole number from 0 to {MOST_STEPS:g}, got {bad[0]:g}")
-    order = np.argsort(values["step"], kind="stable")
-    step, return_, tight, loose = (values[name][order] for name in columns)
-    total = None if total is None else total[order]
-    last = max(row.steps, int(step[-1]) if len(step) else 0)
-    return TrainingLog(row.algorithm, row.seed, step.astype(np.int64), return_, tight, loose, last, total)
 
 
 def read_results(folder: Path, *, as_recorded: bool = False) -> Results:
@@ -314,7 +293,7 @@ class _Reader:
         """The training logs of the runs, as far as they got."""
         logs = []
         for row in rows:
-            path = folder / "runs" / row.run / "episodes.csv"
+            path = training_file(folder / "runs" / row.run)
             is_due = row.status == "finished" and folder == self.folder
             if row.kind == "train" and (path.exists() or is_due):
                 logs.append(self.attempt(path, lambda path=path, row=row: read_training(path, row), None))

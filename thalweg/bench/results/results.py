@@ -3,7 +3,8 @@
 suite.json                    the suite as it was run, with library versions and the machine
 runs.csv                      one row per run; failed ones with their error
 versions.json                 the versions that each run was made with
-runs/PPO-0/                   the folder of a training run; its `episodes.csv` gives the training curves
+runs/PPO-0/                   the folder of a training run; its `episodes.csv` gives the training curves, or, where
+                              that is not kept, its `curve.csv`, which has them in blocks of episodes
 evaluation/PPO-0-Easy.csv     one row per evaluated episode
 evaluation/unseen/...         the same under a condition other than the main one
 outdated/                     runs with other versions, until they have been run again; laid out like this folder

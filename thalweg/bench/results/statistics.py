@@ -5,7 +5,7 @@ Standard deviations are those of the sample itself (divided by n, as `numpy.std`
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -78,29 +78,50 @@ def mean_and_std_text(mean: float, std: float) -> str:
     return f"{mean:.2f} ± {std:.2f}"
 
 
+VIOLATIONS = ("violations", "tight_violations", "loose_violations")
+"""Episodes with a cost of either kind, with a tight one, and with a loose one."""
+
+
 @dataclass(frozen=True)
 class TrainingLog:
-    """The finished episodes of one training run, in the order in which they ended. K episodes."""
+    """The finished episodes of one training run, in the order in which they ended, one by one or in blocks. K rows."""
 
     algorithm: str
     seed: int
     step: np.ndarray
-    """[K] int64, steps of the whole run (all environments) when the episode ended."""
+    """[K] int64, steps of the whole run (all environments) when the episode ended, or the last one of the block."""
     return_: np.ndarray
-    """[K] float64."""
+    """[K] float64, mean over the row's episodes, as the costs."""
     tight: np.ndarray
-    """[K] float64, sum of the episode's tight costs."""
+    """[K] float64, sum of an episode's tight costs."""
     loose: np.ndarray
-    """[K] float64, sum of the episode's loose costs."""
+    """[K] float64, sum of an episode's loose costs."""
     last_step: int
     """Total steps of the run; of a failed run, the steps until it failed."""
     total: np.ndarray | None = None
-    """[K] float64, sum of the episode's costs of all kinds; None: tight and loose are all."""
+    """[K] float64, sum of an episode's costs of all kinds; None: tight and loose are all."""
+    episodes: np.ndarray | None = None
+    """[K] int64, number of episodes of each row; None: one each."""
+    violations: np.ndarray | None = None
+    """[K, 3] int64, numbers of episodes with `VIOLATIONS`; None where rows are episodes, whose costs tell."""
 
     @property
     def cost(self) -> np.ndarray:
-        """[K] float64, sum of the episode's costs."""
+        """[K] float64, sum of an episode's costs, mean over the row's episodes."""
         return self.tight + self.loose if self.total is None else self.total
+
+    @property
+    def episodes_of_rows(self) -> np.ndarray:
+        """[K] int64, number of episodes of each row."""
+        return np.ones(len(self.step), np.int64) if self.episodes is None else self.episodes
+
+    @property
+    def violations_of_rows(self) -> np.ndarray:
+        """[K, 3] int64, numbers of episodes with `VIOLATIONS`."""
+        if self.violations is not None:
+            return self.violations
+        tight, loose = self.tight > 0, self.loose > 0
+        return np.stack([tight | loose, tight, loose], axis=1).astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -117,26 +138,49 @@ class TrainingCurve:
     loose_rate: np.ndarray
 
 
+def in_blocks(log: TrainingLog) -> TrainingLog:
+    """Return a log of single episodes in blocks of `MEAN_EPISODES`; the last block has as many as are left."""
+    first = np.arange(0, len(log.step), MEAN_EPISODES)
+    if not len(first):
+        return replace(log, episodes=log.episodes_of_rows, violations=log.violations_of_rows)
+    episodes = np.diff(np.append(first, len(log.step)))
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.add.reduceat(values, first) / episodes
+
+    return TrainingLog(
+        log.algorithm,
+        log.seed,
+        log.step[first + episodes - 1],
+        mean(log.return_),
+        mean(log.tight),
+        mean(log.loose),
+        log.last_step,
+        mean(log.cost),
+        episodes,
+        np.add.reduceat(log.violations_of_rows, first),
+    )
+
+
 def training_curve(log: TrainingLog, grid: np.ndarray) -> TrainingCurve:
     """Return the paper's training curves at the grid's steps [G] (positive): running return and violation rates."""
     ended, reached = np.searchsorted(log.step, grid, side="right"), _reached(log, grid)
-
-    def rate(violated: np.ndarray) -> np.ndarray:
-        return np.where(reached, np.concatenate([[0], np.cumsum(violated)])[ended] / grid, np.nan)
-
-    tight, loose = log.tight > 0, log.loose > 0
-    mean = running_mean(log, log.return_, grid)
-    return TrainingCurve(grid, mean, rate(tight | loose), rate(tight), rate(loose))
+    so_far = np.concatenate([np.zeros((1, len(VIOLATIONS))), np.cumsum(log.violations_of_rows, axis=0)])
+    total, tight, loose = np.where(reached, so_far[ended].T / grid, np.nan)
+    return TrainingCurve(grid, running_mean(log, log.return_, grid), total, tight, loose)
 
 
 def running_mean(log: TrainingLog, values: np.ndarray, grid: np.ndarray) -> np.ndarray:
     """Return the mean [G] of the values [K] of the last `MEAN_EPISODES` episodes of a run at the grid's steps [G]; NaN
-    before the first episode has ended, and after the run's last step."""
+    before the first episode has ended, and after the run's last step. Of blocks, it is that of the fewest last ones
+    that have as many episodes."""
     ended = np.searchsorted(log.step, grid, side="right")
-    sums = np.concatenate([[0.0], np.cumsum(values)])
-    first = np.maximum(ended - MEAN_EPISODES, 0)
+    counts = np.concatenate([[0], np.cumsum(log.episodes_of_rows)])
+    sums = np.concatenate([[0.0], np.cumsum(values * log.episodes_of_rows)])
+    first = np.maximum(np.searchsorted(counts, counts[ended] - MEAN_EPISODES, side="right") - 1, 0)
     with np.errstate(invalid="ignore"):
-        return np.where(_reached(log, grid), (sums[ended] - sums[first]) / (ended - first), np.nan)
+        mean = (sums[ended] - sums[first]) / (counts[ended] - counts[first])
+    return np.where(_reached(log, grid), mean, np.nan)
 
 
 def _reached(log: TrainingLog, grid: np.ndarray) -> np.ndarray:
@@ -162,8 +206,8 @@ def regret(log: TrainingLog, limit: float) -> float:
     for one above it: later care does not undo a collision ("strong" regret: Efroni, Mannor, Pirotta 2020). NaN without
     episodes.
     """
-    costs = log.cost
-    if not len(costs):
+    blocks = in_blocks(log) if log.episodes is None else log
+    if not len(blocks.step):
         return float("nan")
-    blocks = np.split(costs, np.arange(MEAN_EPISODES, len(costs), MEAN_EPISODES))
-    return float(sum(max(block.sum() - limit * len(block), 0.0) for block in blocks) / len(costs))
+    episodes = blocks.episodes_of_rows
+    return float((np.maximum(blocks.cost - limit, 0.0) * episodes).sum() / episodes.sum())

@@ -95,8 +95,8 @@ class GeometryTraining:
         """Train and measure, or resume the training in the folder; a finished one is read, and nothing is drawn,
         so that it needs no device.
 
-        Raises `EncoderInputError` for settings out of range, `EncoderFileError` for the folder of another training,
-        `WorldError` for an unknown level and `DeviceError`, before anything is drawn.
+        Raises `EncoderInputError` for settings out of range, `EncoderFileError` for the folder of another training or
+        one that another process is at, `WorldError` for an unknown level and `DeviceError`, before anything is drawn.
         """
         self._check()
         path, table = self.folder / FILE, self.folder / PROBE
@@ -104,6 +104,11 @@ class GeometryTraining:
         if path.is_file() and table.is_file():
             return GeometryResult(path, read_probe(table, self.targets), self.targets, already_finished=True)
         device = resolve_device(self.device)
+        with GEOMETRY_FOLDER.locked(self.folder):
+            return self._train(path, table, device, progress)
+
+    def _train(self, path: Path, table: Path, device: str, progress: bool) -> "GeometryResult":
+        """Train or resume, and write the encoder and the table of its probes."""
         compilation.begin()
         with ThreadPoolExecutor(1, "thalweg-held-out") as worker:  # loading rivers takes one core each
             judged = worker.submit(self._judged)

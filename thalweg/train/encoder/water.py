@@ -64,14 +64,18 @@ class WaterTraining:
     def run(self, *, progress: bool = True) -> "WaterResult":
         """Train, or resume; a folder whose training is finished is read, and nothing is drawn.
 
-        Raises `EncoderInputError` for numbers out of range, `EncoderFileError` for the folder of another training, and
-        `WorldError` for an unknown level.
+        Raises `EncoderInputError` for numbers out of range, `EncoderFileError` for the folder of another training or
+        one that another process is at, and `WorldError` for an unknown level.
         """
         self._check()
-        run, path = self._identity(), self.folder / FILE
+        run = self._identity()
         check_folder(self.folder, WATER_FOLDER, run)
-        self.folder.mkdir(parents=True, exist_ok=True)
-        state = _State(run)
+        with WATER_FOLDER.locked(self.folder):
+            return self._train(run, progress)
+
+    def _train(self, run: dict[str, Any], progress: bool) -> "WaterResult":
+        """Take the epochs that are missing, and write the network once all are there."""
+        state, path = _State(run), self.folder / FILE
         rows = state.resume(self.folder / CHECKPOINT)
         finished = len(rows) == self.epochs and path.is_file()
         if len(rows) < self.epochs:

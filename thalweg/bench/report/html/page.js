@@ -1,4 +1,5 @@
 // Script of the report: sorts tables by a column, filters them by policies and levels, and enlarges pictures.
+// The ranking stays as it is.
 // The page shows the same content without it.
 "use strict";
 
@@ -120,7 +121,7 @@ function makeLarger(picture) {
 
 const form = document.getElementById("filter");
 const levels = JSON.parse(form.dataset.levels);
-const tables = [...document.querySelectorAll("table")].map((table) => readTable(table, levels));
+const tables = [...document.querySelectorAll(".wide > table")].map((table) => readTable(table, levels));
 tables.forEach(makeSortable);
 makeFilter(form, tables);
 document.querySelectorAll(".picture").forEach(makeLarger);

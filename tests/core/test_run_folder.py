@@ -1,0 +1,47 @@
+"""Tests of the lock of folders: a second command is refused, and whoever ends, however it ends, leaves none."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from thalweg.core.run_folder import LOCK, FolderKind
+
+KIND = FolderKind("suite", "suite.json", ValueError)
+HOLDER = """
+import sys, time
+from pathlib import Path
+from thalweg.core.run_folder import FolderKind
+with FolderKind("suite", "suite.json", ValueError).locked(Path(sys.argv[1])):
+    print("held", flush=True)
+    time.sleep(600)
+"""
+
+
+def test_a_folder_that_another_process_holds_is_refused_until_it_is_killed(tmp_path: Path):
+    folder = tmp_path / "new" / "results"
+    with subprocess.Popen([sys.executable, "-c", HOLDER, str(folder)], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None and process.stdout.readline() == "held\n"
+        try:
+            words = r"another command is writing to .*results: wait until it has ended"
+            with pytest.raises(ValueError, match=words), KIND.locked(folder):
+                pass
+        finally:
+            process.send_signal(signal.SIGKILL)
+    with KIND.locked(folder):
+        assert (folder / LOCK).exists()
+
+
+def test_a_folder_is_freed_without_a_trace_also_by_an_error(tmp_path: Path):
+    with pytest.raises(KeyError), KIND.locked(tmp_path):
+        raise KeyError
+    assert list(tmp_path.iterdir()) == []
+    with KIND.locked(tmp_path):
+        pass
+
+
+def test_a_lock_that_a_killed_command_left_is_no_file_of_somebody_else(tmp_path: Path):
+    (tmp_path / LOCK).touch()
+    assert KIND.is_new(tmp_path)

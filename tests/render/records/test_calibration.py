@@ -1,6 +1,7 @@
 """Tests of cameras of calibration files: what is taken over, and which cameras are refused."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,7 +40,7 @@ distortion_coefficients: !!opencv-matrix
 """
 
 
-def written(folder: Path, text: str = ROS, **values: object) -> Path:
+def written(folder: Path, text: str = ROS, **values: Any) -> Path:
     path = folder / "camera.yaml"
     usual = {"fx": 400.0, "cx": 319.5, "model": "plumb_bob", "k1": 0.0, "p1": 0.0}
     path.write_text(text.format(**{**usual, **values}) if text is ROS else text)
@@ -72,7 +73,7 @@ def test_a_lens_that_moves_corners_by_less_than_two_pixels_is_taken(tmp_path: Pa
         ({"fx": "wide"}, "camera_matrix has no list of numbers"),
     ],
 )
-def test_another_camera_is_refused_by_what_differs(values: dict[str, object], told: str, tmp_path: Path):
+def test_another_camera_is_refused_by_what_differs(values: dict[str, Any], told: str, tmp_path: Path):
     with pytest.raises(RenderError, match=told):
         camera_of_calibration(written(tmp_path, **values))
 

@@ -79,7 +79,7 @@ class RiverBackend:
 
     def __init__(self, suite: Suite) -> None:
         self.suite = suite
-        self._observers: dict[tuple[str, str, str], Observe | None] = {}
+        self._observers: dict[tuple[str, str, Camera, str], Observe | None] = {}
         self._encoders: dict[str, Encoder] = {}
 
     def encoder(self, run: Run) -> Encoder:

@@ -294,10 +294,24 @@ def test_a_misspelt_option_points_to_the_help_of_its_command(capsys: pytest.Capt
 
 
 @pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (
+            ["evalute", "packaged"],
+            "thalweg has no command 'evalute' (did you mean 'evaluate'?); there are world, render,",
+        ),
+        (["encoder", "trian"], "thalweg encoder has no command 'trian' (did you mean 'train'?); there are train,"),
+    ],
+)
+def test_a_misspelt_command_suggests_the_nearest(arguments: list[str], told: str, capsys: pytest.CaptureFixture):
+    assert main(arguments) == 2
+    assert capsys.readouterr().err.startswith(f"thalweg: {told}")
+
+
+@pytest.mark.parametrize(
     "arguments",
     [
         [],
-        ["swim"],
         ["world", "--sede", "1"],
         ["encoder", "train", "--inputs", "depth"],
         ["train", "--observation", "eye", "--out", "x"],

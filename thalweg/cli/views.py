@@ -1,6 +1,6 @@
 """Options for what policies see, and for their actions, that several commands share."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -9,6 +9,7 @@ from tyro.conf import arg
 from thalweg.cli.options import UsageError, settings_from
 
 if TYPE_CHECKING:
+    from thalweg.bench.suite.views import TrainingViews
     from thalweg.env import EnvConfig
     from thalweg.render import Camera
 
@@ -45,6 +46,14 @@ class TrainedViews:
         if self.action is not None:
             changes["action"] = self.action
         return rules.with_options(**changes)
+
+    def replacing(self, usual: "TrainingViews") -> "TrainingViews":
+        """Return the views of a suite, with these options where they are given; raises the errors of `camera_from`."""
+        given: dict[str, Any] = {"camera": camera_from(self.camera)} if self.camera else {}
+        given |= {"quality": self.quality} if self.quality != "full" else {}
+        given |= {"randomise": True} if self.randomise else {}
+        given |= {"action": self.action} if self.action is not None else {}
+        return replace(usual, **given)
 
 
 Views = Annotated[TrainedViews, arg(name="")]

@@ -19,6 +19,7 @@ from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
+from thalweg.render import Camera
 from thalweg.train import load_policy
 from thalweg.train.observations import camera_of, check_policy_fits, observation_of
 from thalweg.train.river import RiverTraining, load_compatible_encoder
@@ -116,7 +117,7 @@ class RiverBackend:
 
     def _train(self, run: Run, stage: Stage | Arm, level: str, folder: Path, begin_with: Path | None) -> None:
         seeds = self.suite.seeds_of(self.suite.arm(run.algorithm), stage)
-        RiverTraining(level, self.suite.num_envs, seeds, self.suite.rules).train(
+        RiverTraining(level, self.suite.num_envs, seeds, self.suite.training_rules).train(
             stage.algorithm,
             self.encoder(run) if self.suite.observation_of(run) == "frames" else None,
             steps=stage.steps,

@@ -132,7 +132,7 @@ def test_a_character_that_the_stream_of_errors_lacks_is_its_number(monkeypatch: 
 
 
 def test_a_pipe_that_breaks_elsewhere_is_an_error(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture):
-    def broken(*_):
+    def broken(*_, **__):
         raise BrokenPipeError
 
     monkeypatch.setattr("thalweg.bench.report.report.write_report", broken)
@@ -439,7 +439,7 @@ def test_a_world_that_a_full_disk_does_not_take_is_named(
 
 
 def test_a_full_disk_without_a_name_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
-    def full(*_):
+    def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("thalweg.bench.report.report.write_report", full)

@@ -190,6 +190,7 @@ WRONG = [
     (["encoder", "train", "--held-out-seeds", "5", "--out", "x"], "--held-out-seeds is for --target geometry"),
     (["encoder", "train", "--target", "geometry", "--out", "/dev/null"], "/dev/null is not a folder"),
     (["encoder", "train", "--target", "geometry", "--river", "a.gpx", "--out", "x"], "--river is for --target image"),
+    (["encoder", "train", "--target", "geometry", "--banks", "meadow", "--out", "x"], "--banks is for --target image"),
     (["encoder", "train", "--level", "Medium", "--river", "a.gpx", "--out", "x"], "give --level or --river, not both"),
     (["encoder", "train", "--target", "geometry", "--level", "medum", "--out", "x"], "Easy, Medium, Hard"),
     (["encoder", "train", "--target", "geometry", "--world-seeds", "1:9", "--held-out-seeds", "8", "--out", "x"], "8"),

@@ -101,7 +101,9 @@ def flown_alike(policy: Policy, encoder: Encoder, path: Path, count: int = 3, st
         np.testing.assert_allclose(found, wanted, atol=1e-4)
         if policy.actions.kind == "categorical":
             probable = log_softmax(flights.outputs.reshape(count, 4, 3), axis=-1)
-            np.testing.assert_allclose(probable, player.log_probs(), atol=1e-3)
+            wanted = player.log_probs()
+            assert wanted is not None
+            np.testing.assert_allclose(probable, wanted, atol=1e-3)
         taken.append(found)
     return np.stack(taken)
 

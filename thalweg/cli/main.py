@@ -73,7 +73,7 @@ COMMANDS = {
 
 COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 """A code that sets a colour on a terminal."""
-RESUMABLE = (Train, Imitate, Bench, EncoderTrain, EncoderStudy)
+RESUMABLE = (Train, Imitate, Bench, EncoderTrain, EncoderStudy, Record)
 """Commands that resume when they are given again."""
 NAMES_IN_USAGE = re.compile(r"\{\w+(,\w+){4,}\}")
 """Names of all commands in a usage, which are listed below it one by one."""
@@ -241,6 +241,12 @@ def _after_interrupt(command: Any) -> str:
         if step is not None:
             return f"The same command resumes from step {step:,}."
         return "There was no checkpoint yet; the same command starts from the beginning."
+    if isinstance(command, Record):
+        from thalweg.datasets.draft import finished_flights
+
+        if finished := len(finished_flights(command.out)):
+            return f"Flights that are finished: {finished}. The same command records the others."
+        return "No flight was finished; the same command starts from the beginning."
     if isinstance(command, RESUMABLE):
         return "The same command resumes from the last checkpoint."
     return "Nothing was saved; the same command starts from the beginning."

@@ -3,12 +3,11 @@
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import thalweg
 from tests.env.flights import FORWARD, HOVER
-from tests.env.handmade import BlankRenderer, ring
+from tests.env.handmade import ring
 from tests.env.task.priced.flights import PRICED, erratic, flown, made, rivers
 from thalweg.env import ConfigError, DoneReason, EnvConfig, RiverEnv, RiverVectorEnv, StateError
 from thalweg.env.rivers.river_list import RiverList
@@ -22,11 +21,10 @@ def test_the_registered_tasks_are_those_that_there_are():
 
 
 @pytest.mark.parametrize(("task", "level"), thalweg.TASK_IDS)
-def test_gymnasiums_checker_passes_on_every_id(task: str, level: str):
+def test_every_id_makes_its_task(task: str, level: str):
     name = thalweg.TASK_IDS[task, level]
-    env = gymnasium.make(name, world=ring(), renderer=BlankRenderer(), render_mode="rgb_array")
+    env = gymnasium.make(name, world=ring(), observation="none")
     assert isinstance(env.unwrapped, RiverEnv) and env.unwrapped.vector.config.task == task
-    check_env(env.unwrapped)
     many = gymnasium.make_vec(name, num_envs=2, worlds=ring(), observation="none")
     assert many.unwrapped.config.task == task and many.unwrapped.cost_kinds == ("tight", "loose", TASKS[task].kind)  # pyright: ignore[reportAttributeAccessIssue]
 

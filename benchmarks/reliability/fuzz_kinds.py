@@ -9,7 +9,6 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from random import Random
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ import torch
 import yaml
 from kind import Kind, written
 from mutations import (
-    mutated_bytes,
     mutated_json,
     mutated_npz,
     mutated_safetensors,

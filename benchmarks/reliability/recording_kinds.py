@@ -15,7 +15,7 @@ from mutations import mutated_bytes, mutated_json
 from tests.datasets.episodes import ABOUT, flight
 from thalweg.core.video import VideoError, open_video, write_video
 from thalweg.datasets.errors import DatasetError
-from thalweg.datasets.recordings import Format, read_recordings, recording
+from thalweg.datasets.recordings import Format, add_flight, read_recordings, recording
 
 STEPS = 3
 Mutate = Callable[[bytes, Random], bytes]
@@ -26,13 +26,12 @@ def _written(form: Format) -> Path:
     """Return a data set of one short flight, which stays as long as the process."""
     folder = Path(tempfile.mkdtemp()) / "flights"
     with recording(folder, form, ABOUT) as writer:
-        writer.add(flight(STEPS))
+        add_flight(writer, flight(STEPS))
     return folder
 
 
-def _part(form: Format, pattern: str, mutate: Mutate) -> Kind:
-    """Return the kind of the first file of a data set that a pattern matches."""
-    place = min(_written(form).glob(pattern)).relative_to(_written(form))
+def _part(form: Format, place: str, mutate: Mutate) -> Kind:
+    """Return the kind of a file of a data set, by its place in the folder."""
 
     def read(path: Path) -> Any:
         folder = path.parent / "flights"
@@ -41,7 +40,7 @@ def _part(form: Format, pattern: str, mutate: Mutate) -> Kind:
         about, flights = read_recordings(folder)
         return about, [(each.rgb, each.poses, each.rewards, each.costs, each.moves) for each in flights]
 
-    return Kind(place.name, lambda _: [(_written(form) / place).read_bytes()], mutate, read, (DatasetError,))
+    return Kind(Path(place).name, lambda _: [(_written(form) / place).read_bytes()], mutate, read, (DatasetError,))
 
 
 def _video(folder: Path) -> list[bytes]:
@@ -61,9 +60,9 @@ def _read_video(path: Path) -> Any:
 RECORDING_KINDS: dict[str, Kind] = {
     "lerobot description": _part("lerobot", "meta/thalweg.json", mutated_json),
     "lerobot info": _part("lerobot", "meta/info.json", mutated_json),
-    "lerobot table": _part("lerobot", "data/**/*.parquet", mutated_bytes),
+    "lerobot table": _part("lerobot", "data/chunk-000/file-000.parquet", mutated_bytes),
     "minari metadata": _part("minari", "data/metadata.json", mutated_json),
-    "minari data": _part("minari", "data/*.hdf5", mutated_bytes),
+    "minari data": _part("minari", "data/main_data.hdf5", mutated_bytes),
     "video": Kind("film.mp4", _video, mutated_bytes, _read_video, (VideoError,)),
 }
 """By their names in the table."""

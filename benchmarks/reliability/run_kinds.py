@@ -1,4 +1,4 @@
-"""Kinds of files of runs that resume and of policies that leave the package: settings, logs, checkpoints of encoders."""
+"""Kinds of files of runs that resume, of plug-ins and of exported policies: settings, logs, checkpoints of encoders."""
 
 import functools
 import warnings

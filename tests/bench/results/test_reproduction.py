@@ -78,7 +78,13 @@ def test_a_mean_that_is_no_number_does_not_agree(tmp_path: Path):
 
 def test_a_curve_without_episodes_at_its_end_is_refused(tmp_path: Path):
     path = written(tmp_path, "a", "10,1.0,0.0")
-    with pytest.raises(ResultsError, match="curve has no episodes to compare"):
+    with pytest.raises(ResultsError, match=f"{path}: curve has no episodes to compare"):
+        compare_means(CURVE, [path], path, path)
+
+
+def test_a_value_that_is_no_number_is_refused_with_the_file(tmp_path: Path):
+    path = written(tmp_path, "a", "99,high,0.0")
+    with pytest.raises(ResultsError, match=f"{path}: could not convert string to float: 'high'"):
         compare_means(CURVE, [path], path, path)
 
 

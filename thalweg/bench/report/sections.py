@@ -94,9 +94,9 @@ SECTIONS: tuple[Section, ...] = (
         "table",
         "Return and cost",
         with_critics(paper_table),
-        "Mean ± standard deviation over episodes. Every policy flew the same list of starts, each once. Rows in italics,"
-        f" if there are any, are published figures ({SOURCE}), measured in another simulator on other rivers: they are"
-        " here for orientation, not for comparison of values.",
+        "Mean ± standard deviation over episodes. Every policy flew the same list of starts, each once. Rows in"
+        f" italics, if there are any, are published figures ({SOURCE}), measured in another simulator on other rivers:"
+        " they are here for orientation, not for comparison of values.",
     ),
     FilmSection("A flight", lambda name: name == MAIN_FILM, leads=True),
     FigureSection(

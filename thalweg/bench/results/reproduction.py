@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from thalweg.bench.csv_files import ResultsError, finite, read_csv
+from thalweg.bench.csv_files import ResultsError, read_csv
 
 LAST_SHARE = 0.1
 """Share of the steps of training, at their end, whose episodes give the means of a curve."""
@@ -113,14 +113,14 @@ def compare_means(table: Table, seeds: Sequence[Path], there: Path, here: Path) 
 
 def _means(table: Table, path: Path) -> dict[str, float]:
     """Return the means of the compared columns of a file, of a curve over its last steps; raises `ResultsError` for no
-    rows, and for a value that is no finite number."""
+    rows, and for a value that is no number."""
     rows = read_csv(path, table.columns)
     try:
         if table.steps:
-            rows = [row for row in rows if finite(row["step"]) > (1 - LAST_SHARE) * table.steps]
-        means = {name: [finite(row[name]) for row in rows] for name in TOLERANCES if name in (rows or [{}])[0]}
+            rows = [row for row in rows if float(row["step"]) > (1 - LAST_SHARE) * table.steps]
+        means = {name: [float(row[name]) for row in rows] for name in TOLERANCES if name in (rows or [{}])[0]}
     except ValueError as error:
         raise ResultsError(f"{path}: {error}") from error
     if not rows:
-        raise ResultsError(f"{path} has no episodes to compare for {table.name}")
+        raise ResultsError(f"{path}: {table.name} has no episodes to compare")
     return {name: float(np.mean(values)) for name, values in means.items()}

@@ -45,6 +45,7 @@ from thalweg.core.atomic_io import is_disk_error
 from thalweg.core.extras import advice_for
 from thalweg.core.plugins.lookup import add_files
 from thalweg.core.seeds import parse_seeds
+from thalweg.core.suggestion import did_you_mean
 
 DESCRIPTION = (
     "A photo-realistic river world and a benchmark of safe reinforcement learning on it."
@@ -189,6 +190,9 @@ def _parse_one_of(commands: Mapping[str, Any], prog: str, description: str, argu
         kind = commands[arguments[0]]
         with contextlib.redirect_stdout(_WrappedLines(sys.stdout)):
             return tyro.cli(kind, prog=f"{prog} {arguments[0]}", args=arguments[1:], registry=REGISTRY)
+    if arguments and not arguments[0].startswith("-"):
+        near = did_you_mean(arguments[0], commands)
+        raise UsageError(f"{prog} has no command {arguments[0]!r}{near}; there are {', '.join(commands)}")
     kinds: Any = None
     for name, kind in commands.items():
         one = Annotated[kind, subcommand(name, prefix_name=False)]

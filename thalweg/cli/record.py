@@ -19,8 +19,7 @@ class Record(FlownFlight):
     """Record flights of a policy or a pilot, or one that `thalweg fly` saved, as a data set of LeRobot or Minari."""
 
     out: Path = Path("recordings")
-    """Folder to write, which must be new or empty; Minari takes its name as that of the data set. An interrupted
-    command keeps the flights that it has finished, and the same command resumes."""
+    """Folder to write, new or empty, which Minari takes as the name of the data set; the same command resumes."""
     format: Literal["lerobot", "minari"] = "lerobot"
     """Format of the data set: LeRobot's of version 3.0, or Minari's."""
     episodes: int = 10

@@ -6,7 +6,6 @@ An export is compared with its policy on random images before it is written.
 import json
 import logging
 import warnings
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,17 @@ from thalweg.env.task.proprioception import PROPRIOCEPTION
 from thalweg.env.tasks import task_named
 from thalweg.render import Camera
 from thalweg.train.encoder_of_run import context_of, encoder_of
-from thalweg.train.observations import IMAGES, PRIVILEGED, check_policy_fits, feels, forces_of, observation_of, task_of
+from thalweg.train.observations import (
+    IMAGES,
+    PRIVILEGED,
+    action_of,
+    camera_of,
+    check_policy_fits,
+    feels,
+    forces_of,
+    observation_of,
+    task_of,
+)
 from thalweg.train.river import load_compatible_encoder
 
 FORMAT = 2
@@ -104,8 +113,7 @@ class Exportable:
                 f" ({encoder.about.get('path', 'an encoder')}) out"
             )
         vehicle = context_of(policy).get("env", {}).get("vehicle", "uav")
-        kind = "multidiscrete" if policy.actions.sizes else "continuous"
-        check_policy_fits(policy, encoder, task=task_of(policy), vehicle=vehicle, action=kind)
+        check_policy_fits(policy, encoder, task=task_of(policy), vehicle=vehicle, action=action_of(policy))
         inputs = [{"rgb": "image", "mask": "mask"}[part] for part in seen.split("+")]
         if feels(policy):
             inputs.append("proprioception")
@@ -126,13 +134,11 @@ class Exportable:
     @property
     def camera(self) -> Camera:
         """The camera that the policy was trained with."""
-        told = context_of(self.policy).get("env", {}).get("camera")
-        camera = Camera(**told) if isinstance(told, Mapping) else DEFAULT_CONFIG.camera
         if self.encoder is not None:
-            return Camera(**{**asdict(camera), **dict.fromkeys(("height_px", "width_px"), self.encoder.config.size_px)})
+            return camera_of(self.policy, self.encoder)
         assert self.policy.shape.eyes is not None
         height, width, _ = self.policy.shape.eyes.image
-        return Camera(**{**asdict(camera), "height_px": height, "width_px": width})
+        return Camera(**{**asdict(camera_of(self.policy)), "height_px": height, "width_px": width})
 
     def examples(self, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
         """Return random inputs by name, as in `ExportedNetwork`, of `count` vehicles, some of which begin a flight."""

@@ -167,7 +167,7 @@ def _array_error(episode: RecordedEpisode, about: About) -> str:
         "costs": (steps, len(about.cost_kinds)),
     }
     for name, shape in shapes.items():
-        values = getattr(episode, name)
+        values: Any = getattr(episode, name)
         if values is None and name in ("mask", "depth_m", "class_id", "options"):
             continue
         if values.shape != shape:

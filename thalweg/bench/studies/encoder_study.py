@@ -5,6 +5,7 @@ written after its training; the tables are computed from them and from the codes
 """
 
 import json
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -252,7 +253,8 @@ def read_measures(path: Path) -> dict[str, Any]:
     numbers = {name: found.get(name, ...) for name in (*ERRORS, *RIVER)}
     numbers |= {f"read.{name}": read.get(name, ...) if isinstance(read, dict) else ... for name in PROBED}
     for name, value in numbers.items():
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if value is not None and (not is_number or abs(value) > sys.float_info.max):
             told = "missing" if value is ... else f"{value!r:.40}"
             raise ResultsError(f"{path} holds no measures of the study: {name} is {told}; a number or null is needed")
     return found

@@ -80,9 +80,9 @@ def _rising(studies: Studies) -> str:
     if not number:
         return "**Whether a greater limit is used** is not known yet: nobody was run at all three limits of a task."
     return (
-        f"**Whether a greater limit is used.** Of {number} algorithms with policies at all three limits of a task, each"
-        f" task counted, the return rises from limit to limit in {sum(rises['return'])}, the cost in"
-        f" {sum(rises['cost'])}."
+        f"**Whether a greater limit is used.** Of {number} algorithm{'s' * (number > 1)} with policies at all three"
+        f" limits of a task, each task counted, the return rises from limit to limit in {sum(rises['return'])}, the"
+        f" cost in {sum(rises['cost'])}."
     )
 
 

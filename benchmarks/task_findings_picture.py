@@ -28,13 +28,18 @@ def drawn_fronts(studies: Mapping[str, Study]) -> bytes:
     """Return a PNG with a panel for each task: fixed river of the training level, cost from 0 to the tightest limit on
     a linear axis and from there on a logarithmic one."""
     with rc_context(STYLE):
-        figure = Figure(figsize=(8.0, 6.4))
-        for axis, study in zip(figure.subplots(2, 2, sharey=True).flat, studies.values(), strict=True):
-            _draw_study(axis, study)
-        for axis in figure.axes[::2]:
-            axis.set_ylabel("mean return of an episode")
-        figure.legend(handles=_legend(studies), loc="outside lower center", ncols=5, frameon=False, fontsize=8)
-        return _with_palette(png(figure))
+        return _with_palette(png(figure_of(studies)))
+
+
+def figure_of(studies: Mapping[str, Study]) -> Figure:
+    """Return the figure of four tasks, in the style that is set."""
+    figure = Figure(figsize=(8.0, 6.4))
+    for axis, study in zip(figure.subplots(2, 2, sharey=True).flat, studies.values(), strict=True):
+        _draw_study(axis, study)
+    for axis in figure.axes[::2]:
+        axis.set_ylabel("mean return of an episode")
+    figure.legend(handles=_legend(studies), loc="outside lower center", ncols=5, frameon=False, fontsize=8)
+    return figure
 
 
 def _with_palette(picture: bytes) -> bytes:
@@ -47,7 +52,8 @@ def _with_palette(picture: bytes) -> bytes:
 def _draw_study(axis: Axes, study: Study) -> None:
     """Draw the panel of a task."""
     front, tightest = study.fronts[FIXED], study.limits[0]
-    last = max([float(front.cost[-1]), *(each.cost.value for each in study.at(FIXED, study.limits[-1]))])
+    costs = (each.cost.value for (rivers, _, _), each in study.outcomes.items() if rivers == FIXED)
+    last = max([float(front.cost[-1]), *costs])
     _draw_front(axis, study, last)
     for limit in study.limits:
         axis.axvline(limit, color=SHADE, linewidth=0.9, linestyle=":", zorder=0)

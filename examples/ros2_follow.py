@@ -9,7 +9,8 @@ It chooses a step every `steps.seconds` of the file's metadata, which becomes a 
 (geometry_msgs/Twist in m/s and rad/s: x forward, y left, z up, yaw to the left). `speed`, from 0 to 1, is the share of
 the velocity that the step has in the simulator; `patience_s` is the greatest age of an image in seconds, by the
 stamp of its message. The camera should have the field of view and the pitch of the metadata. The option "backward" is
-taken as none; policies of tasks with a fast step, where it is a fast step forward, are refused.
+taken as none; policies of tasks with a fast step, where it is a fast step forward, are refused, and policies that
+choose numbers instead of options.
 """
 
 import json
@@ -43,6 +44,8 @@ class FollowRiver(Node):
             raise RuntimeError("this node measures no proprioception: export a policy that takes none")
         if self.about.get("fast_step_m") != 0:
             raise RuntimeError("the policy has a fast step, or its file does not say so: export one without, again")
+        if self.about.get("action_kind") != "options":
+            raise RuntimeError("the policy chooses no options, or its file does not say so: export one of options")
         camera, self.step = self.about["camera"], self.about["steps"]
         self.size = camera["height_px"], camera["width_px"]
         self.memory = np.zeros((1, self.about["memory"]), np.float32)

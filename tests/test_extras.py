@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import thalweg
-from thalweg.core.extras import EXTRAS, advice_for
+from thalweg.core.extras import EXTRAS, advice_for, how_to_install
 from thalweg.world import World
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -69,9 +69,9 @@ SCRIPT = "import sys\nfrom thalweg.cli.entry import main\nsys.exit(main())"
 @pytest.mark.parametrize(
     ("missing", "arguments", "told"),
     [
-        (OPTIONAL, ["--version"], "tyro is not installed; pip install 'thalweg[all]' installs what commands need"),
-        (["matplotlib"], ["world"], "matplotlib is not installed; pip install 'thalweg[all]' installs what commands"),
-        (["torch"], ["train", "--out", "x"], "torch is not installed; pip install 'thalweg[all]' installs what"),
+        (OPTIONAL, ["--version"], "tyro is not installed: install the extra [all], in a clone"),
+        (["matplotlib"], ["world"], "matplotlib is not installed: install the extra [all], in"),
+        (["torch"], ["train", "--out", "x"], "torch is not installed: install the extra [all], in"),
     ],
 )
 def test_a_command_names_the_extra_that_it_needs(missing: list[str], arguments: list[str], told: str):
@@ -117,13 +117,25 @@ def test_an_extra_brings_all_that_its_command_needs(
 @pytest.mark.parametrize(
     ("module", "advice"),
     [
-        ("ray", "ray is not installed; pip install 'thalweg[cluster]' installs what commands need"),
-        ("torch.utils", "torch is not installed; pip install 'thalweg[all]' installs what commands need"),
+        ("ray", f"ray is not installed: {how_to_install('cluster')}"),
+        ("torch.utils", f"torch is not installed: {how_to_install('all')}"),
         ("mine", None),
     ],
 )
 def test_advice_names_the_extra_of_a_module(module: str, advice: str | None):
     assert advice_for(ModuleNotFoundError(name=module)) == advice
+
+
+def test_the_command_that_installs_an_extra_works_in_a_clone_and_needs_no_package_index_to_know_the_project():
+    assert how_to_install("geo") == "install the extra [geo], in a clone of Thalweg by: pip install '.[geo]'"
+
+
+def test_errors_name_extras_that_exist_and_take_the_command_from_one_place():
+    sources = {path: path.read_text() for path in [*ROOT.glob("thalweg/**/*.py"), *ROOT.glob("examples/**/*.py")]}
+    named = {extra for text in sources.values() for extra in re.findall(r"""how_to_install\(["'](\w+)["']\)""", text)}
+    assert {"geo", "cuda", "cluster", "sb3"} <= named <= set(declared())
+    commands = {path.relative_to(ROOT).as_posix() for path, text in sources.items() if "pip install 'thalweg" in text}
+    assert commands == set()
 
 
 def test_the_extras_are_those_of_the_projects_file():

@@ -19,6 +19,7 @@ ABOUT = {
     "steps": {"seconds": 0.25, "vertical_m": 1, "yaw_deg": 10, "forward_m": 1, "lateral_m": 0.5},
     "memory": 0,
     "fast_step_m": 0.0,
+    "action_kind": "options",
 }
 
 
@@ -64,6 +65,12 @@ def told(monkeypatch: pytest.MonkeyPatch, **changes: Any) -> None:
 def test_policies_with_a_fast_step_are_refused(example: ModuleType, monkeypatch: pytest.MonkeyPatch):
     told(monkeypatch, fast_step_m=2.0)
     with pytest.raises(RuntimeError, match="fast step"):
+        example.FollowRiver()
+
+
+def test_policies_that_choose_numbers_are_refused(example: ModuleType, monkeypatch: pytest.MonkeyPatch):
+    told(monkeypatch, action_kind="numbers")
+    with pytest.raises(RuntimeError, match="chooses no options"):
         example.FollowRiver()
 
 

@@ -1,6 +1,6 @@
 """PPO on the codes of an encoder, with environments and policies of PufferLib.
 
-pip install 'thalweg[learn]'
+pip install '.[learn]'    # in a clone of Thalweg
 pip install --no-deps -r tests/interop/locks/pufferlib.lock
 python examples/interop/pufferlib_ppo.py
 

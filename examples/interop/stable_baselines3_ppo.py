@@ -1,6 +1,6 @@
 """PPO of Stable-Baselines3 with convolutions, on frames of many environments that are drawn in one call.
 
-pip install 'thalweg[sb3]'
+pip install '.[sb3]'    # in a clone of Thalweg
 python examples/interop/stable_baselines3_ppo.py
 """
 

@@ -126,7 +126,7 @@ def test_facts_are_counted_over_all_policies_with_a_limit(script: ModuleType, st
     # Regrets are 0.80, 9 - 7.5 = 1.50, and 4.00.
     assert "0.80 (FOCOPS, Nests at 8.2) to 4.00 points (P3O, Nests at 49)" in price and "median of 1.50" in price
     assert limitless.startswith("PPO costs 1.7 times the middle limit of Nests and returns 7.00, 3.00 below")
-    assert rising.startswith("Of 1 algorithms") and "in 1, the cost in 1." in rising
+    assert rising.startswith("Of 1 algorithm with policies") and "in 1, the cost in 1." in rising
     assert unseen.startswith("1 of the 2 that hold the limit on the fixed river hold it too; in all 1 of 2")
     assert nobody.removesuffix(" 7.") == (
         "Limits that nobody holds: Nests at 23. At the others the best that hold it return 6.00 of 6.82 (FOCOPS, Nests"
@@ -172,8 +172,20 @@ def test_a_front_of_other_tasks_is_refused(outcomes: ModuleType, monkeypatch: py
 
 
 def test_the_picture_has_a_panel_for_each_task(script: ModuleType, study: Any):
-    picture = script.drawn_fronts({name: replace(study, task=name) for name in ("A", "B", "C", "D")})
+    studies = {name: replace(study, task=name) for name in ("A", "B", "C", "D")}
+    figure = sys.modules["task_findings_picture"].figure_of(studies | {"D": replace(study, task="D", outcomes={})})
+    assert [axis.get_title() for axis in figure.axes] == ["A", "B", "C", "D, not run yet"]
+    picture = script.drawn_fronts(studies)
     assert Image.open(io.BytesIO(picture)).width > 1000 and len(picture) < 150_000
+
+
+def test_the_picture_reaches_to_the_greatest_cost_at_any_limit(script: ModuleType, study: Any):
+    key = "fixed", "FOCOPS", 8.2
+    far = replace(study.outcomes[key], cost=replace(study.outcomes[key].cost, value=300.0))
+    studies = dict.fromkeys("ABCD", replace(study, outcomes={**study.outcomes, key: far}))
+    for axis in sys.modules["task_findings_picture"].figure_of(studies).axes:
+        drawn = [cost for each in axis.get_lines() for cost in each.get_xdata()]
+        assert max(drawn) == 300.0 < axis.get_xlim()[1]
 
 
 def test_the_committed_page_shows_the_committed_results(script: ModuleType):

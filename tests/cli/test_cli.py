@@ -132,7 +132,7 @@ def test_a_character_that_the_stream_of_errors_lacks_is_its_number(monkeypatch: 
 
 
 def test_a_pipe_that_breaks_elsewhere_is_an_error(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture):
-    def broken(*_):
+    def broken(*_, **__):
         raise BrokenPipeError
 
     monkeypatch.setattr("thalweg.bench.report.report.write_report", broken)
@@ -190,6 +190,7 @@ WRONG = [
     (["encoder", "train", "--held-out-seeds", "5", "--out", "x"], "--held-out-seeds is for --target geometry"),
     (["encoder", "train", "--target", "geometry", "--out", "/dev/null"], "/dev/null is not a folder"),
     (["encoder", "train", "--target", "geometry", "--river", "a.gpx", "--out", "x"], "--river is for --target image"),
+    (["encoder", "train", "--target", "geometry", "--banks", "meadow", "--out", "x"], "--banks is for --target image"),
     (["encoder", "train", "--level", "Medium", "--river", "a.gpx", "--out", "x"], "give --level or --river, not both"),
     (["encoder", "train", "--target", "geometry", "--level", "medum", "--out", "x"], "Easy, Medium, Hard"),
     (["encoder", "train", "--target", "geometry", "--world-seeds", "1:9", "--held-out-seeds", "8", "--out", "x"], "8"),
@@ -293,10 +294,24 @@ def test_a_misspelt_option_points_to_the_help_of_its_command(capsys: pytest.Capt
 
 
 @pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (
+            ["evalute", "packaged"],
+            "thalweg has no command 'evalute' (did you mean 'evaluate'?); there are world, render,",
+        ),
+        (["encoder", "trian"], "thalweg encoder has no command 'trian' (did you mean 'train'?); there are train,"),
+    ],
+)
+def test_a_misspelt_command_suggests_the_nearest(arguments: list[str], told: str, capsys: pytest.CaptureFixture):
+    assert main(arguments) == 2
+    assert capsys.readouterr().err.startswith(f"thalweg: {told}")
+
+
+@pytest.mark.parametrize(
     "arguments",
     [
         [],
-        ["swim"],
         ["world", "--sede", "1"],
         ["encoder", "train", "--inputs", "depth"],
         ["train", "--observation", "eye", "--out", "x"],
@@ -424,7 +439,7 @@ def test_a_world_that_a_full_disk_does_not_take_is_named(
 
 
 def test_a_full_disk_without_a_name_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
-    def full(*_):
+    def full(*_, **__):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("thalweg.bench.report.report.write_report", full)

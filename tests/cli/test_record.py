@@ -1,6 +1,7 @@
 """Tests of `thalweg record` on the command line."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from thalweg.datasets.recordings import read_recordings
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import Camera
 from thalweg.viewer.flight.flight import Flight, env_of
+from thalweg.viewer.flight.observed import Observer
 from thalweg.viewer.flight.options import FlightOptions
 from thalweg.viewer.flight.recording import Folder
 from thalweg.world import World
@@ -57,6 +59,42 @@ def test_a_flight_that_was_saved_is_recorded_through_another_camera(tmp_path: Pa
     assert found.size_px == (48, 48) and found.depth_m is None and found.options is None
     assert found.moves.tolist() == [[0.5, 0.0, 1.0, 0.0]]
     assert found.options_of_flight["look"] == "autumn" and found.pilots == ("hand",)
+
+
+def test_an_interrupted_recording_says_what_it_has_and_the_same_command_makes_the_same_data_set(
+    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    command = ["record", "steady", "--level", "easy", "--episodes", "3", "--steps", "3", "--size", "32"]
+    assert main([*command, "--out", str(tmp_path / "whole")]) == 0
+    record, flown = Observer.record, []
+
+    def interrupted(*arguments: Any) -> int:
+        flown.append(1)
+        if len(flown) == 2:
+            raise KeyboardInterrupt
+        return record(*arguments)
+
+    again = [*command, "--out", str(tmp_path / "again")]
+    with monkeypatch.context() as patched:
+        patched.setattr(Observer, "record", interrupted)
+        assert main(again) == 130
+    assert "Flights that are finished: 1. The same command records the others." in capsys.readouterr().err
+    assert main([*again, "--seed", "5"]) == 2
+    assert "options.seed is 0 there and 5 here" in capsys.readouterr().err
+    assert main(again) == 0
+    told = capsys.readouterr()
+    assert "Resuming after 1 of 3 flights" in told.err and "3 flights, 9 steps (3 stopped)" in told.out
+    for one, other in zip(*(read_recordings(tmp_path / name)[1] for name in ("whole", "again")), strict=True):
+        for name in ("rgb", "mask", "depth_m", "class_id", "poses", "options", "rewards", "costs"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+@pytest.mark.parametrize("form", ["lerobot", "minari"])
+def test_the_folder_may_be_relative(form: str, tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    options = ["--level", "easy", "--episodes", "1", "--steps", "2", "--size", "32", "--layers", "mask"]
+    assert main(["record", "pilot", *options, "--format", form, "--out", "new/flights"]) == 0
+    assert [flight.steps for flight in read_recordings(Path("new/flights"))[1]] == [2]
 
 
 def test_a_saved_flight_is_one_flight(capsys: pytest.CaptureFixture):

@@ -19,7 +19,7 @@ from thalweg.core import atomic_io
 from thalweg.core.atomic_io import atomic_path, disk_errors_name, is_disk_error, write_atomic, write_picture
 
 FOLDERS = {
-    "datasets/new_folder.py",
+    "datasets/draft.py",
     "train/folder/checkpoint.py",
     "bench/execute/cluster/run_archive.py",
     "bench/report/report.py",

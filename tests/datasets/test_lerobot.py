@@ -18,7 +18,8 @@ from PIL import Image
 
 from tests.datasets.episodes import ABOUT, SIZE, assert_same, flight, without
 from thalweg.datasets.errors import DatasetError
-from thalweg.datasets.recordings import read_recordings, recording
+from thalweg.datasets.lerobot_statistics import PictureCounts
+from thalweg.datasets.recordings import add_flight, read_recordings, recording
 
 FLIGHTS = [flight(3), flight(5, seed=1, ended=False)]
 CAMERA = "observation.images.camera"
@@ -27,7 +28,7 @@ CAMERA = "observation.images.camera"
 def write(folder: Path, *, video: bool = False) -> Path:
     with recording(folder, "lerobot", ABOUT, video=video) as writer:
         for episode in FLIGHTS:
-            writer.add(episode)
+            add_flight(writer, episode)
     return folder
 
 
@@ -96,6 +97,26 @@ def test_statistics_are_those_of_all_frames(written: Path):
     np.testing.assert_allclose(np.ravel(found[CAMERA]["mean"]), frames.mean(axis=(0, 1, 2)))
 
 
+def test_pictures_are_counted_as_numpy_computes_their_statistics():
+    pictures = np.random.default_rng(0).integers(40, 201, size=(7, 5, 3, 2), dtype=np.uint8) // np.array(
+        [1, 2], np.uint8
+    )
+    counts = PictureCounts(2)
+    counts.add(pictures[:3])
+    counts.add(pictures[3:])
+    found, pixels = counts.statistics(), pictures.reshape(-1, 2) / 255.0
+    assert found["count"].tolist() == [7] and found["mean"].shape == (2, 1, 1)
+    for name, wanted in {
+        "min": pixels.min(0),
+        "max": pixels.max(0),
+        "mean": pixels.mean(0),
+        "std": pixels.std(0),
+    }.items():
+        np.testing.assert_allclose(found[name].ravel(), wanted, err_msg=name)
+    for name, share in {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}.items():
+        np.testing.assert_allclose(found[name].ravel(), np.quantile(pixels, share, axis=0), err_msg=name)
+
+
 def test_a_video_has_a_frame_for_each_step_close_to_what_was_seen(filmed: Path):
     path = filmed / f"videos/{CAMERA}/chunk-000/file-001.mp4"
     assert imageio_ffmpeg.count_frames_and_secs(str(path)) == (5, 1.25)
@@ -143,7 +164,7 @@ def test_a_folder_with_something_in_it_is_never_written_to(tmp_path: Path):
         pytest.raises(DatasetError, match="is there already"),
         recording(tmp_path, "lerobot", ABOUT) as writer,
     ):
-        writer.add(flight(2))
+        add_flight(writer, flight(2))
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
@@ -211,5 +232,5 @@ def test_frames_that_make_no_video_are_refused(tmp_path: Path):
         pytest.raises(DatasetError, match="a video needs an even height and width, not 31 x 34"),
         recording(tmp_path / "flights", "lerobot", replace(ABOUT, layers=()), video=True) as writer,
     ):
-        writer.add(odd)
+        add_flight(writer, odd)
     assert not any(tmp_path.iterdir())

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from tests.datasets.episodes import ABOUT, SIZE, assert_same, flight
+from thalweg.datasets.draft import finished_flights
 from thalweg.datasets.errors import DatasetError
-from thalweg.datasets.recordings import read_recordings, recording
+from thalweg.datasets.recordings import add_flight, read_recordings, recording
 
 FLIGHTS = [flight(3), flight(5, seed=1, ended=False)]
 
@@ -21,7 +22,7 @@ FLIGHTS = [flight(3), flight(5, seed=1, ended=False)]
 def written(tmp_path: Path) -> Path:
     with recording(tmp_path / "flights-v0", "minari", ABOUT) as writer:
         for episode in FLIGHTS:
-            writer.add(episode)
+            add_flight(writer, episode)
     return tmp_path / "flights-v0"
 
 
@@ -62,19 +63,19 @@ def test_masks_are_compressed(tmp_path: Path):
     sizes = []
     for name, episode in (("still", still), ("noisy", noisy)):
         with recording(tmp_path / name, "minari", ABOUT) as writer:
-            writer.add(episode)
+            add_flight(writer, episode)
         sizes.append((tmp_path / name / "data" / "main_data.hdf5").stat().st_size)
     assert sizes[0] < sizes[1]
 
 
-def test_flights_of_other_actions_are_refused_and_nothing_is_left(tmp_path: Path):
+def test_flights_of_other_actions_are_refused_and_those_before_them_are_kept(tmp_path: Path):
     with (
         pytest.raises(DatasetError, match="the same size of frames, layers and kind of actions"),
         recording(tmp_path / "mixed", "minari", ABOUT) as writer,
     ):
-        writer.add(flight(2))
-        writer.add(flight(2, discrete=False))
-    assert list(tmp_path.iterdir()) == []
+        add_flight(writer, flight(2))
+        add_flight(writer, flight(2, discrete=False))
+    assert [each["steps"] for each in finished_flights(tmp_path / "mixed")] == [2]
 
 
 def test_a_data_set_of_others_is_refused(written: Path):

@@ -9,15 +9,18 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from scipy.special import log_softmax
 
 from tests.deploy import policies
+from thalweg.algos.policy.actions import Adapter, Kind
+from thalweg.algos.policy.policy import Policy
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.deploy import export
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.export import export_policy
 from thalweg.deploy.onnx_policy import OnnxPolicy
-from thalweg.encoder import VAE, VAEConfig, load_encoder, save_vae
+from thalweg.encoder import VAE, Encoder, VAEConfig, load_encoder, save_vae
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION
 from thalweg.train import load_policy
@@ -76,6 +79,68 @@ def test_policies_of_codes_act_the_same(name: str, memory: int, felt: bool, tmp_
     assert len(taken) > 1 and about["sees"] == "rgb+mask"
 
 
+def flown_alike(policy: Policy, encoder: Encoder, path: Path, count: int = 3, steps: int = 6) -> np.ndarray:
+    """Assert that a policy of codes and its export act the same on coarse random images; return the actions.
+
+    Actions are [steps, count, 4]. Flights of some vehicles begin anew in between.
+    """
+    export_policy(policy, path, encoder=encoder)
+    rng = np.random.default_rng(3)
+    player, flights = policy.player(count, deterministic=True), OnnxPolicy.load(path).player(count)
+    taken = []
+    for step in range(steps):
+        image = rng.integers(256, size=(count, 2, 2, 3), dtype=np.uint8).repeat(64, 1).repeat(64, 2)
+        mask = rng.integers(2, size=(count, 2, 2), dtype=np.uint8).repeat(64, 1).repeat(64, 2) * 255
+        felt = rng.normal(size=(count, 9)).astype(np.float32)
+        codes = encoder(np.concatenate([image, mask[..., None]], axis=-1))
+        seen = np.concatenate([codes, felt], axis=1) if policy.obs_size > encoder.latent else codes
+        fresh = np.arange(count) == step % 4 if step else np.ones(count, bool)
+        wanted = player(seen, fresh)
+        found = flights(image=image, mask=mask, proprioception=felt, fresh=fresh)
+        assert found.dtype == wanted.dtype
+        np.testing.assert_allclose(found, wanted, atol=1e-4)
+        if policy.actions.kind == "categorical":
+            probable = log_softmax(flights.outputs.reshape(count, 4, 3), axis=-1)
+            wanted = player.log_probs()
+            assert wanted is not None
+            np.testing.assert_allclose(probable, wanted, atol=1e-3)
+        taken.append(found)
+    return np.stack(taken)
+
+
+@pytest.mark.parametrize(("memory", "felt"), [(0, False), (8, True)])
+def test_policies_of_stacked_frames_act_the_same_and_their_memory_holds_the_frames(
+    memory: int, felt: bool, tmp_path: Path
+):
+    policy, encoder = policies.of_codes("default", memory, felt=felt, frames=4)
+    taken = flown_alike(policy, encoder, tmp_path / "policy.onnx")
+    about = OnnxPolicy.load(tmp_path / "policy.onnx").about
+    assert about["memory"] == 3 * policy.obs_size + memory
+    assert {"fresh", "memory"} <= set(about["inputs"]) and len(np.unique(taken.reshape(-1, 4), axis=0)) > 1
+
+
+@pytest.mark.parametrize("kind", ["gaussian", "squashed", "point"])
+def test_policies_of_continuous_actions_choose_the_same_numbers(kind: Kind, tmp_path: Path):
+    inertia = {"forward_m_per_s": 3.0}
+    env = {"dynamics": "inertial", "inertia": inertia}
+    policy, encoder = policies.of_codes("default", actions=policies.numbers(kind), **env)
+    taken = flown_alike(policy, encoder, tmp_path / "policy.onnx")
+    assert taken.dtype == np.float32 and np.abs(taken).max() <= 1.0 and np.ptp(taken, axis=(0, 1)).min() > 0.01
+    about = OnnxPolicy.load(tmp_path / "policy.onnx").about
+    assert (about["action_kind"], about["actions"]["yaw"]) == ("numbers", ["turn left", "turn right"])
+    assert about["dynamics"] == "inertial" and about["inertia"]["forward_m_per_s"] == 3.0
+    assert about["inertia"]["time_constant_s"] == 0.4
+
+
+@pytest.mark.parametrize(("adapter", "kind"), [("box_literal", "gaussian"), ("box_scaled", "point")])
+def test_policies_whose_numbers_are_rounded_choose_the_same_options(adapter: Adapter, kind: Kind, tmp_path: Path):
+    policy, encoder = policies.of_codes("default", frames=2, actions=policies.rounded(adapter, kind))
+    taken = flown_alike(policy, encoder, tmp_path / "policy.onnx")
+    about = OnnxPolicy.load(tmp_path / "policy.onnx").about
+    assert about["action_kind"] == "options" and "rounded to an option" in about["chooses"]
+    assert set(np.unique(taken)) <= {0, 1, 2} and len(np.unique(taken.reshape(-1, 4), axis=0)) > 1
+
+
 @pytest.mark.parametrize(("sees", "memory"), [("rgb", 0), ("mask", 6), ("rgb+mask", 0)])
 def test_policies_of_images_act_the_same_in_any_number_of_vehicles(sees: str, memory: int, tmp_path: Path):
     policy = policies.of_images(sees, memory)
@@ -116,8 +181,9 @@ def test_a_file_says_what_it_needs_and_what_it_means(tmp_path: Path):
     ("make", "reason"),
     [
         (policies.privileged, "privileged observation, which only the simulator knows"),
-        (policies.stacked, r"the last 4 frames \(frame_stack\)"),
-        (policies.continuous, "gaussian actions of 4 numbers"),
+        (lambda: policies.of_other_numbers(-1.0, 3), "chooses actions of 3 numbers or branches; exports are of 4"),
+        (lambda: policies.of_other_numbers(0.0, 4), r"chooses numbers from \(0\.0.* to .*; exports are of -1\.\.1"),
+        (policies.of_images_and_numbers, "takes its last options, which it does not have"),
         (lambda: BASELINES["pilot"], "Pilot is no trained network"),
     ],
 )

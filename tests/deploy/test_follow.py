@@ -12,8 +12,8 @@ from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.cli.main import main
 from thalweg.core.video import VideoError, open_video, read_video, write_video
 from thalweg.deploy.errors import ExportError
-from thalweg.deploy.export import Exportable
-from thalweg.deploy.follow import WATER_RGB, Follower, cut_to, follow, frames_of_step, overlay
+from thalweg.deploy.export import OPTIONS, Exportable
+from thalweg.deploy.follow import WATER_RGB, Follower, cut_to, follow, frames_of_step, move_in_words, overlay
 from thalweg.encoder.water import load_segmenter, mean_iou, water_in
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import Camera, Look, Renderer
@@ -55,6 +55,17 @@ def test_a_policy_sees_the_frames_with_the_water_that_is_found_and_chooses_as_it
         wanted = player(np.concatenate([frame[None], mask], axis=-1), np.array([step == 0]))
         np.testing.assert_array_equal(taken[step], wanted[0])
     assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "out.mp4")) == (4, 1.0)
+
+
+def test_a_policy_of_numbers_is_shown_with_shares_of_a_step(tmp_path: Path):
+    frames = np.random.default_rng(0).integers(256, size=(3, 128, 128, 3), dtype=np.uint8)
+    write_video(tmp_path / "in.mp4", frames, 4, crf=18)
+    policy, _ = policies.of_codes("default", actions=policies.numbers("gaussian"))
+    taken = follow(tmp_path / "in.mp4", tmp_path / "out.mp4", Follower(policy, load_segmenter()), "mine")
+    assert taken.shape == (3, 4) and taken.dtype == np.float32
+    move = zip(OPTIONS, np.array([0.504, -0.004, -0.25, -1.0], np.float32), strict=True)
+    assert [move_in_words(*each) for each in move] == ["up 50%", "none", "backward 25%", "right 100%"]
+    assert move_in_words(OPTIONS[0], np.int64(2)) == "down"
 
 
 def test_a_policy_of_colours_alone_needs_no_segmenter():

@@ -63,7 +63,7 @@ def test_a_policy_of_velocities_flies_with_inertia_only(tmp_path: Path):
 
 
 def test_a_policy_of_steps_is_refused_where_velocities_are_commanded(tmp_path: Path):
-    with pytest.raises(TrainingError, match="inertial dynamics take continuous actions"):
+    with pytest.raises(TrainingError, match="the flight takes continuous actions, as inertial dynamics do"):
         check_policy_fits(trained(tmp_path, ForceOptions()), None, action="continuous")
 
 

@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from tests.env.handmade import hairpin, ring
+from tests.world.real.drawn_files import line, write
 from thalweg.core import versions
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.assignment import DrawnRivers
@@ -140,6 +141,15 @@ def test_a_run_on_other_banks_names_them_and_their_version():
         "world_seeds": [3],
     }
     assert "banks_version" not in RiverTraining("Easy+forest", 2, (3,)).about()
+
+
+@pytest.mark.parametrize(
+    ("told", "banks", "found"), [("", "", 0), ("meadow", "", 1), ("", "quay", 1), ("quay", "forest", 0)]
+)
+def test_a_run_on_a_file_has_the_version_of_its_banks(told: str, banks: str, found: int, tmp_path: Path):
+    way = line([(10.0 * x, 0.0) for x in range(17)], width=8, **({"banks": told} if told else {}))
+    about = RiverTraining(Reach(write(tmp_path, way), banks=banks), 2).about()
+    assert about.get("banks_version", 0) == found * versions.BANKS
 
 
 def test_the_rivers_in_memory_are_announced(capsys: pytest.CaptureFixture):

@@ -57,6 +57,14 @@ def test_a_text_survives_reading_and_writing(text):
     assert read_banks(as_data(read_banks(text))) == read_banks(text)
 
 
+def test_a_reach_is_as_exact_as_its_text():
+    reach = BankReach("quay", 5.00049, 9.9996)
+    assert reach == BankReach("quay", 5.0, 10.0) and read_banks(reach.text) == (reach,)
+    assert text_of((BankReach("quay", 0.0001),)) == "quay"
+    with pytest.raises(WorldError, match=r"the reach of quay begins and ends at 5 m"):
+        BankReach("quay", 5.0001, 5.0004)
+
+
 @pytest.mark.parametrize(
     ("value", "message"),
     [
@@ -88,6 +96,7 @@ def test_anything_else_is_refused_with_what_would_be_right(value, message):
 def test_a_reach_must_lie_on_the_course():
     check_banks(read_banks("quay_0-100+meadow_80-"), 100.0, closed=False)
     check_banks(read_banks("quay_90-10"), 100.0, closed=True)
+    check_banks((BankReach("quay", 0.0, 99.9996),), 99.9996, closed=False)
     for text in ("quay_0-101", "quay_100-", "quay_150-20"):
         with pytest.raises(
             WorldError, match=rf"{text} is not on the course, which is 100\.0 m long; expected 0 to 100"

@@ -1,5 +1,7 @@
 """Tests of lengths, bends and crossings on circles, ellipses, stadiums, hairpins and figures of eight."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.special import ellipe
@@ -120,6 +122,7 @@ def test_a_line_of_many_samples_is_compared_with_itself_in_blocks(monkeypatch):
     line = figure_eight(30.0, 100)
     arc, length = geometry.arc_length(line, True)
     whole = geometry.distances(line), geometry.arc_between(arc, length, True), geometry.self_crossings(line, True)
+    assert len(whole[2]) == 1
     monkeypatch.setattr(geometry, "BLOCK_PAIRS", 700)
     blocks = list(geometry.blocks(100))
     assert [len(np.arange(100)[rows]) for rows in blocks] == [7] * 14 + [2]
@@ -127,6 +130,58 @@ def test_a_line_of_many_samples_is_compared_with_itself_in_blocks(monkeypatch):
     between = [geometry.arc_between(arc, length, True, rows) for rows in blocks]
     np.testing.assert_array_equal(np.concatenate(between), whole[1])
     np.testing.assert_array_equal(geometry.self_crossings(line, True), whole[2])
+
+
+def crossings_of_all_pairs(line: np.ndarray, closed: bool) -> list[list[int]]:
+    """The pairs of segments that cross, each compared with each."""
+    ends = np.concatenate([line, line[:1]]) if closed else line
+    segments = list(pairwise(ends))
+
+    def left(a, b, p) -> bool:
+        return (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]) > 0
+
+    found = []
+    for i, (a, b) in enumerate(segments):
+        for j, (c, d) in list(enumerate(segments))[i + 2 :]:
+            if closed and (i, j) == (0, len(segments) - 1):
+                continue
+            boxes = np.all(np.minimum(a, b) <= np.maximum(c, d)) and np.all(np.minimum(c, d) <= np.maximum(a, b))
+            if boxes and left(a, b, c) != left(a, b, d) and left(c, d, a) != left(c, d, b):
+                found.append([i, j])
+    return found
+
+
+@pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("pairs", [7, 10**6])
+def test_crossings_are_those_of_all_pairs_in_their_order(closed: bool, seed: int, pairs: int, monkeypatch):
+    """A walk that crosses itself many times, with steps of very different lengths, on whole metres and elsewhere."""
+    random = np.random.default_rng(seed)
+    line = np.cumsum(random.normal(size=(60, 2)) * random.choice([0.3, 1.0, 20.0], (60, 1)), axis=0)
+    line = np.round(line) if seed % 2 else line
+    expected = crossings_of_all_pairs(line, closed)
+    monkeypatch.setattr(geometry, "BLOCK_PAIRS", pairs)
+    assert geometry.self_crossings(line, closed).tolist() == expected
+    assert len(expected) >= 5
+
+
+def test_boxes_that_overlap_or_touch_are_found_once():
+    low = np.array([[0.0, 0.0], [5.0, 0.0], [1.0, 2.0], [1.0, -9.0]])
+    high = np.array([[1.0, 2.0], [6.0, 1.0], [5.0, 3.0], [5.5, -1.0]])
+    found = [(i, j) for one, other in geometry.overlapping(low, high) for i, j in zip(one, other, strict=True)]
+    assert sorted(found) == [(0, 2)]
+    high[2, 1] = high[3, 1] = 9.0
+    found = [(i, j) for one, other in geometry.overlapping(low, high) for i, j in zip(one, other, strict=True)]
+    assert sorted(found) == [(0, 2), (0, 3), (1, 3), (2, 3)]
+
+
+def test_few_pairs_of_a_long_line_are_looked_at(monkeypatch):
+    """8,000 boxes of a line that leads somewhere: all pairs are 32 million."""
+    x = np.arange(8000.0)
+    low = np.stack([x, 50 * np.sin(x / 100)], axis=1)
+    monkeypatch.setattr(geometry, "BLOCK_PAIRS", 100_000)
+    blocks = list(geometry.overlapping(low, low + 1.2))
+    assert len(blocks) == 1 and len(blocks[0][0]) == 7999
 
 
 def test_arc_between_takes_the_shorter_way_round():

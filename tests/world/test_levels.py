@@ -52,9 +52,19 @@ def test_banks_stand_in_the_name_and_change_neither_course_nor_key():
     assert replace(medium, banks="meadow") == meadow
 
 
+def test_replaced_banks_take_the_place_of_the_old_ones_in_the_name():
+    medium = LEVELS["Medium"]
+    meadow = medium.with_banks("meadow")
+    assert replace(meadow, banks=()) == medium
+    quay = replace(meadow, banks="quay_0-10_left+reeds_20-")
+    assert (quay.name, quay.key) == ("Medium+quay_0-10_left+reeds_20-", medium.key)
+    mine = replace(medium, name="a+b")
+    assert mine.base_name == "a+b" and mine.with_banks("reeds").with_banks("quay").name == "a+b+quay"
+
+
 def test_a_name_with_banks_is_found_in_any_case():
     assert level_named("medium+Meadow + quay 120-180") == LEVELS["Medium"].with_banks("meadow+quay_120-180")
-    assert level_named("Hard+forest") is not None and level_named("Hard+forest") == LEVELS["Hard"]
+    assert level_named("Hard+forest") == LEVELS["Hard"]
     assert on_banks("Hard+meadow", "reeds") == "Hard+reeds"
 
 

@@ -104,6 +104,27 @@ def test_arms_are_checked_with_the_required_land():
         checks.check_arms(replace(river), gap - 4.0 + 0.1)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_the_arms_that_are_named_are_the_nearest_of_all_pairs(seed: int):
+    """Wiggling rivers of various widths, on whole metres in part, so that distances are equal: the first is named."""
+    random = np.random.default_rng(seed)
+    angle = np.linspace(0.0, 5.9, 240)
+    radius = 40.0 + (np.round(10 * np.sin(3 * angle)) if seed % 2 else random.normal(size=240).cumsum())
+    line = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    width = random.uniform(4.0, 30.0, 240) if seed % 3 else np.full(240, 20.0)
+    river = make_river(line, False, width, np.ones(240), np.zeros(240))
+    needed = (width[:, None] + width[None, :]) / 2 + 5.0
+    apart = np.hypot(*(line[:, None] - line[None, :]).transpose(2, 0, 1))
+    other_arm = np.abs(river.arc_m[:, None] - river.arc_m[None, :]) > 1.6 * needed
+    margin = np.where(other_arm, apart - needed, np.inf)
+    i, j = np.unravel_index(int(np.argmin(margin)), margin.shape)
+    assert margin[i, j] < 0 and i < j
+    with pytest.raises(WorldError) as caught:
+        checks.check_arms(river, 5.0)
+    named = f"arc {river.arc_m[i]:.1f} m and {river.arc_m[j]:.1f} m are {apart[i, j]:.2f} m apart"
+    assert named in str(caught.value) and str(caught.value).endswith(f"limit {needed[i, j]:.2f} m")
+
+
 def test_arms_are_compared_in_blocks_with_the_same_result(monkeypatch):
     line = circle(12.0, 58)
     river = make_river(line[:-6], False, np.full(52, 4.0), np.ones(52), np.zeros(52))

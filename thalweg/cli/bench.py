@@ -9,6 +9,7 @@ from tyro.conf import Positional
 
 from thalweg.cli.forces import STILL, ForceFlags, Forces
 from thalweg.cli.options import NO_FILE, Plugins, Policies, River, RiverFile, UsageError, checked_task
+from thalweg.cli.views import AS_IN_LEVELS, TrainedViews, Views
 
 if TYPE_CHECKING:
     from thalweg.bench.execute.executors import Executor
@@ -36,6 +37,7 @@ class Bench:
     hard: bool = False
     """End an episode at the first cost of the task, also where the suite does not."""
     forces: Forces = STILL
+    views: Views = AS_IN_LEVELS
     river: River = NO_FILE
     only: tuple[str, ...] = ()
     """Policies (FOCOPS, hover), with all their seeds, or runs (PPO-0), such as --only FOCOPS PPO-0; all by default."""
@@ -51,7 +53,7 @@ class Bench:
             only=self.only,
             executor=executor_for(self.jobs, self.cluster, self.cpus),
             river=self.river,
-            rules=Rules(self.task, self.hard, self.forces),
+            rules=Rules(self.task, self.hard, self.forces, self.views),
             policies=self.policy,
         )
         if self.verify is not None:
@@ -71,11 +73,13 @@ class Rules:
     task: str | None = None
     hard: bool = False
     forces: ForceFlags = STILL
+    views: TrainedViews = AS_IN_LEVELS
 
     def of(self, suite: "Suite") -> "Suite":
         """Return the suite with these rules where they are given; raises the errors of suites."""
         task = suite.task if self.task is None else checked_task(self.task)
-        return replace(suite, task=task, hard=self.hard or suite.hard, forces=self.forces.options(suite.forces))
+        forces, views = self.forces.options(suite.forces), self.views.replacing(suite.views)
+        return replace(suite, task=task, hard=self.hard or suite.hard, forces=forces, views=views)
 
 
 @dataclass(frozen=True)

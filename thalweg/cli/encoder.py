@@ -59,6 +59,13 @@ class EncoderTrain:
         """Return the options of these names that were given."""
         return {name: value for name in names if (value := getattr(self, name)) not in (None, ())}
 
+    def _refuse_banks(self) -> None:
+        """Raise `UsageError` for --banks where several levels are learnt from."""
+        if self.river.banks and self.river.river is None:
+            raise UsageError(
+                "--banks is for --target image: give levels with their banks, such as --level Medium+meadow"
+            )
+
     def _learn_images(self) -> int:
         """Train an autoencoder."""
         from thalweg.encoder import VAEConfig
@@ -90,6 +97,7 @@ class EncoderTrain:
         """Train a finder of water; raises `UsageError` for options that it does not take."""
         from thalweg.train.encoder.water import WaterTraining
 
+        self._refuse_banks()
         river = ["river"] if self.river != NO_FILE else []
         changed = [name for name in ("inputs", "architecture") if getattr(self, name) != getattr(type(self), name)]
         if others := [*self._given("latent", "views", "tasks", "rivers_in_memory", "device"), *changed, *river]:
@@ -116,6 +124,7 @@ class EncoderTrain:
         """Train an encoder of geometry."""
         from thalweg.train.encoder.geometry import GeometryTraining, geometry_config
 
+        self._refuse_banks()
         if self.river.reach("--level", self.level) is not None:
             raise UsageError(
                 "--river is for --target image: geometry is learnt on rivers of several levels, and judged on others"

@@ -52,6 +52,10 @@ class Evaluate:
     hard: bool = False
     """End an episode at the first cost of the task; not for River."""
     forces: Forces = STILL
+    quality: Literal["full", "fast"] = "full"
+    """Quality of the frames that policies see; the names of results with `fast` say so."""
+    randomise: bool = False
+    """Vary the appearance of each start, the same for all policies; the names of results say so."""
     sample: bool = False
     """Sample actions, also of policies that always take the most probable one, such as the packaged policy."""
     unseen: bool = False
@@ -71,10 +75,17 @@ class Evaluate:
         trained with. Raises `UsageError` and `ConfigError`."""
         from thalweg.bench.evaluate.course import EvaluationConfig
         from thalweg.env import EnvConfig
-        from thalweg.train.observations import forces_of, task_of
+        from thalweg.train.observations import action_of, camera_of, forces_of, task_of
 
         task = checked_task(self.task or task_of(policy))
-        rules = EnvConfig(observation="none", task=task, hard=self.hard, vehicle=self.vehicle)
+        rules = EnvConfig(
+            observation="none",
+            task=task,
+            hard=self.hard,
+            vehicle=self.vehicle,
+            action=action_of(policy),
+            camera=camera_of(policy),
+        )
         rules = self.forces.options(forces_of(policy)).applied(rules)
         return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic, rules)
 
@@ -119,6 +130,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.bench.results.results import Results
     from thalweg.bench.suite.config import PACKAGED
     from thalweg.cli.tables import make_console, print_tables
+    from thalweg.render import Randomisation
     from thalweg.world import Reach, level_named
 
     console = make_console()
@@ -138,12 +150,19 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     name = policy.name if isinstance(policy, FunctionPolicy) else name
     name = f"{name} (sampled)" if command.sample else name
     name = f"{name} (shield)" if command.shield else name
+    name = f"{name} (fast frames)" if command.quality == "fast" else name
+    name = f"{name} (varied looks)" if command.randomise else name
     rows: list[Episode] = []
     for river in rivers:
         courses, level = _courses(command, config, river, drawn=command.shield or sight_of(policy) in DRAWN)
         with progress_bar(Console(stderr=True), "episodes") as progress:
             for course in courses:
-                observe = observation_function(policy, course.world, encoder, command.device, shielded=command.shield)
+                if command.randomise:
+                    course = course.varied(Randomisation(), config)
+                scene = course if command.randomise else course.world
+                observe = observation_function(
+                    policy, scene, encoder, command.device, shielded=command.shield, quality=command.quality
+                )
                 which = f", river {course.world.seed}" if command.unseen or len(command.seeds) > 1 else ""
                 on_step = track_episodes(progress, f"{name} on {level}{which}", len(course.starts))
                 label = Label(name, command.seed, level)

@@ -45,6 +45,7 @@ from thalweg.core.atomic_io import is_disk_error
 from thalweg.core.extras import advice_for
 from thalweg.core.plugins.lookup import add_files
 from thalweg.core.seeds import parse_seeds
+from thalweg.core.suggestion import did_you_mean
 
 DESCRIPTION = (
     "A photo-realistic river world and a benchmark of safe reinforcement learning on it."
@@ -73,7 +74,7 @@ COMMANDS = {
 
 COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 """A code that sets a colour on a terminal."""
-RESUMABLE = (Train, Imitate, Bench, EncoderTrain, EncoderStudy)
+RESUMABLE = (Train, Imitate, Bench, EncoderTrain, EncoderStudy, Record)
 """Commands that resume when they are given again."""
 NAMES_IN_USAGE = re.compile(r"\{\w+(,\w+){4,}\}")
 """Names of all commands in a usage, which are listed below it one by one."""
@@ -189,6 +190,9 @@ def _parse_one_of(commands: Mapping[str, Any], prog: str, description: str, argu
         kind = commands[arguments[0]]
         with contextlib.redirect_stdout(_WrappedLines(sys.stdout)):
             return tyro.cli(kind, prog=f"{prog} {arguments[0]}", args=arguments[1:], registry=REGISTRY)
+    if arguments and not arguments[0].startswith("-"):
+        near = did_you_mean(arguments[0], commands)
+        raise UsageError(f"{prog} has no command {arguments[0]!r}{near}; there are {', '.join(commands)}")
     kinds: Any = None
     for name, kind in commands.items():
         one = Annotated[kind, subcommand(name, prefix_name=False)]
@@ -241,6 +245,12 @@ def _after_interrupt(command: Any) -> str:
         if step is not None:
             return f"The same command resumes from step {step:,}."
         return "There was no checkpoint yet; the same command starts from the beginning."
+    if isinstance(command, Record):
+        from thalweg.datasets.draft import finished_flights
+
+        if finished := len(finished_flights(command.out)):
+            return f"Flights that are finished: {finished}. The same command records the others."
+        return "No flight was finished; the same command starts from the beginning."
     if isinstance(command, RESUMABLE):
         return "The same command resumes from the last checkpoint."
     return "Nothing was saved; the same command starts from the beginning."

@@ -1,13 +1,16 @@
 """`thalweg record`: records flights as a data set of LeRobot or Minari."""
 
 import itertools
+import sys
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
 from thalweg.cli.flown_flight import FlownFlight
 from thalweg.cli.options import UsageError
+from thalweg.core.config import to_plain
 from thalweg.core.seeds import parse_seeds
 
 
@@ -16,7 +19,7 @@ class Record(FlownFlight):
     """Record flights of a policy or a pilot, or one that `thalweg fly` saved, as a data set of LeRobot or Minari."""
 
     out: Path = Path("recordings")
-    """Folder to write, which must be new or empty; Minari takes its name as that of the data set."""
+    """Folder to write, new or empty, which Minari takes as the name of the data set; the same command resumes."""
     format: Literal["lerobot", "minari"] = "lerobot"
     """Format of the data set: LeRobot's of version 3.0, or Minari's."""
     episodes: int = 10
@@ -40,39 +43,48 @@ class Record(FlownFlight):
         from rich.console import Console
 
         from thalweg.bench.evaluate.progress import progress_bar
+        from thalweg.datasets.draft import finished_flights
         from thalweg.datasets.recordings import check_recording, recording
         from thalweg.render import Camera
-        from thalweg.viewer.flight.observed import Observer
+        from thalweg.viewer.flight.observed import Observer, options_of
         from thalweg.viewer.flight.recording import read_recording
 
         self._check()
         check_recording(self.out, self.format, video=self.video)
         camera = Camera(height_px=self.size, width_px=self.size, fov_deg=self.fov_deg, pitch_deg=self.pitch_deg)
         count = 1 if self.saved else self.episodes
-        flights = self._flights()
+        done = finished_flights(self.out)
+        flights = self._flights(min(len(done), count - 1))
         first = next(flights)  # errors of options show before the folder is made
+        pilots = read_recording(Path(self.flight)).pilots if self.saved else None  # not the one who repeats it
         observer = Observer(first.flight.env, camera, self.layers)
-        reasons: dict[str, int] = {}
-        steps = 0
+        ended, steps = Counter(_end(each["reason"]) for each in done), sum(each["steps"] for each in done)
+        if done:
+            print(f"Resuming after {len(done)} of {max(count, len(done))} flights", file=sys.stderr)
         with (
             progress_bar(Console(stderr=True), "flights") as progress,
-            recording(self.out, self.format, observer.about(), video=self.video) as writer,
+            recording(
+                self.out, self.format, observer.about(), video=self.video, options=self._what_is_flown()
+            ) as writer,
         ):
-            task = progress.add_task(self.out.name, total=count, rate="")
-            for cockpit in itertools.chain([first], flights):
-                if cockpit.flight.env is not observer.env:
-                    observer = Observer(cockpit.flight.env, camera, self.layers)
-                episode = observer.record(cockpit, self.steps)
-                if self.saved:  # the repeating pilot is not who flew it
-                    episode = replace(episode, pilots=read_recording(Path(self.flight)).pilots[: episode.steps])
-                writer.add(episode)
-                ended = cockpit.flight.status()["ended"] or "stopped"
-                reasons[ended] = reasons.get(ended, 0) + 1
-                steps += episode.steps
+            task = progress.add_task(self.out.name, total=count, completed=writer.finished, rate="")
+            for cockpit in itertools.chain([first], flights) if writer.finished < count else ():
+                flight = cockpit.flight
+                if flight.env is not observer.env:
+                    observer = Observer(flight.env, camera, self.layers)
+                with writer.flight(flight.options.task, options_of(flight)) as written:
+                    steps += observer.record(cockpit, written, self.steps, pilots)
+                ended[_end(flight.reason)] += 1
                 progress.update(task, advance=1, rate=f"{steps:,} steps")
-        told = ", ".join(f"{number} {reason}" for reason, number in sorted(reasons.items()))
+            count = writer.finished
+        told = ", ".join(f"{number} {reason}" for reason, number in sorted(ended.items()))
         print(f"{self.out}: {count} flights, {steps:,} steps ({told}) in the format of {self.format}")
         return 0
+
+    def _what_is_flown(self) -> dict[str, Any]:
+        """Return the options that decide what the flights are, as plain data; their number does not."""
+        ways = ("out", "format", "episodes", "video")
+        return {each.name: _plain(getattr(self, each.name)) for each in fields(self) if each.name not in ways}
 
     def _check(self) -> None:
         """Raise `UsageError` for options that do not go together."""
@@ -87,14 +99,32 @@ class Record(FlownFlight):
         if self.saved and (self.world_seeds or self.episodes != type(self).episodes):
             raise UsageError(f"--episodes and --world-seeds do not go with {self.flight}, which is one flight")
 
-    def _flights(self) -> Iterator[Any]:
-        """Yield the cockpit at the start of each flight."""
+    def _flights(self, first: int) -> Iterator[Any]:
+        """Yield the cockpit at the start of each flight, from the one with the index `first` on."""
         policy_sees = 128  # its own eye has its own size
         if self.saved:
             yield self.cockpit(policy_sees, self.out.parent)
             return
         seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError) if self.world_seeds else [self.world_seed]
         changes = [
-            {"seed": self.seed + number, "world_seed": seeds[number % len(seeds)]} for number in range(self.episodes)
+            {"seed": self.seed + number, "world_seed": seeds[number % len(seeds)]}
+            for number in range(first, self.episodes)
         ]
         yield from self.cockpits(policy_sees, self.out.parent, changes)
+
+
+def _end(reason: int) -> str:
+    """Return how a flight ended, in words, by the code of the reason."""
+    from thalweg.bench.evaluate.episodes import ALL_REASONS, REASON_TEXT
+
+    return REASON_TEXT[ALL_REASONS[reason]] if reason >= 0 else "stopped"
+
+
+def _plain(value: Any) -> Any:
+    """Return an option as data for JSON."""
+    value = to_plain(value)
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return str(value) if isinstance(value, Path) else value

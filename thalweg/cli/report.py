@@ -17,6 +17,8 @@ class Report:
     """Folder that `thalweg bench` wrote."""
     out: Path | None = None
     """Folder to write to, new or that of an earlier report; by default `report` within the results."""
+    inline_films: bool = False
+    """Put the films into the page, which then is one large file, instead of beside it."""
     plugin: Plugins = ()
 
     def run(self) -> int:
@@ -24,7 +26,7 @@ class Report:
 
         if self.results.is_file():
             raise UsageError(f"{self.results} is a file; name the folder that `thalweg bench` wrote")
-        report = write_report(self.results, self.out)
+        report = write_report(self.results, self.out, inline_films=self.inline_films)
         print(f"Report: {report.page}\nTable:  {report.table}")
         for line in report.problems:
             notice(f"Note:   {line}")

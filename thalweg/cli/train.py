@@ -11,6 +11,7 @@ from thalweg.cli.forces import STILL, Forces
 from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, UsageError, checked_task, settings_from
 from thalweg.cli.run_result import print_result
 from thalweg.cli.settings_help import HELP, print_settings
+from thalweg.cli.views import AS_IN_LEVELS, Views
 from thalweg.core.config import to_plain
 from thalweg.core.seeds import parse_seeds
 
@@ -41,6 +42,7 @@ class Train:
     hard: bool = False
     """End an episode at the first cost of the task; not for River."""
     forces: Forces = STILL
+    views: Views = AS_IN_LEVELS
     steps: int = 200_000
     """Steps of training, over all environments together."""
     seed: int = 0
@@ -84,13 +86,14 @@ class Train:
         river = self.river.reach("--level", self.level, levels_have_banks=True) or self._levels
         seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError)
         rules = EnvConfig(task=checked_task(self.task), hard=self.hard, vehicle=self.vehicle)
+        images = settings.get("policy") == "cnn"
         rules = self.forces.options().applied(rules)
+        rules = self.views.applied(rules, drawn=images or self.observation != "privileged")
         training = RiverTraining(
             river, self.num_envs, seeds, rules, rivers=self.rivers, rivers_in_memory=self.rivers_in_memory
         )
         self._check_settings(algorithm, settings)
         self._warn_of_limit(algorithm, settings, river)
-        images = settings.get("policy") == "cnn"
         if (images or self.observation != "frames") and self.encoder is not None:
             takes_none = "policy=cnn" if images else f"--observation {self.observation}"
             raise UsageError(f"{takes_none} takes no encoder: leave --encoder {self.encoder} out")

@@ -35,6 +35,57 @@ class Video:
     """
 
 
+class VideoWriter:
+    """Takes the frames of a video one after the other; made by `video_writer`."""
+
+    def __init__(self, path: Path, fps: float, crf: int, key_every: int | None, name: Path) -> None:
+        self._path, self._name, self._settings = path, name, (fps, crf, key_every)
+        self._process: Any = None
+        self._shape: tuple[int, ...] = ()
+        self.count = 0
+        """Number of frames."""
+
+    def send(self, frame: np.ndarray) -> None:
+        """Add a frame [H, W, 3] uint8.
+
+        Raises `VideoError` for sides that are odd, for a frame of another size than the first one, and for what ffmpeg
+        does not take, and `OSError` for a full disk.
+        """
+        if self._process is not None and frame.shape != self._shape:
+            (height, width, _), (before, wide, _) = frame.shape, self._shape
+            sizes = f"one of {height} x {width} came after those of {before} x {wide}"
+            raise VideoError(f"{self._name} needs frames of one height and width: {sizes}")
+        with _errors_of_writing(self._path, self._name, 0):
+            if self._process is None:
+                self._process, self._shape = _begin(self._path, frame, *self._settings), frame.shape
+            self._process.send(np.ascontiguousarray(frame))
+        self.count += 1
+
+    def close(self) -> None:
+        """End the video; the file is whole only if all frames were written."""
+        if self._process is not None:
+            self._process.close()
+
+    def check(self) -> None:
+        """Raise `VideoError`, or `OSError` for a full disk, for a video without an end."""
+        if self.count:
+            with _errors_of_writing(self._path, self._name, -1):
+                imageio_ffmpeg.count_frames_and_secs(str(self._path))
+
+
+@contextmanager
+def video_writer(
+    path: Path, fps: float, *, crf: int, key_every: int | None = None, name: Path | None = None
+) -> Iterator[VideoWriter]:
+    """Yield a writer of a video; without a frame, there is no file. Arguments and errors are those of `write_video`."""
+    writer = VideoWriter(path, fps, crf, key_every, path if name is None else name)
+    try:
+        yield writer
+    finally:
+        writer.close()
+    writer.check()
+
+
 def write_video(
     path: Path,
     frames: Iterable[np.ndarray],
@@ -54,28 +105,12 @@ def write_video(
         key_every: Frames between two key frames, from which reading can begin; None leaves them to the encoder.
         name: File that errors name, such as the one that a draft at `path` becomes; `path` by default.
 
-    Raises `VideoError` for sides that are odd, for frames of another size than the first one, and for what ffmpeg does
-    not take, and `OSError` for a full disk.
+    Raises the errors of `VideoWriter.send`.
     """
-    name = path if name is None else name
-    writer, count, shape = None, 0, None
-    try:
+    with video_writer(path, fps, crf=crf, key_every=key_every, name=name) as writer:
         for frame in frames:
-            if shape is not None and frame.shape != shape:
-                sizes = f"one of {frame.shape[0]} x {frame.shape[1]} came after those of {shape[0]} x {shape[1]}"
-                raise VideoError(f"{name} needs frames of one height and width: {sizes}")
-            with _errors_of_writing(path, name, 0):
-                if writer is None:
-                    writer, shape = _begin(path, frame, fps, crf, key_every), frame.shape
-                writer.send(np.ascontiguousarray(frame))
-            count += 1
-    finally:
-        if writer is not None:
-            writer.close()
-    if count:
-        with _errors_of_writing(path, name, -1):
-            imageio_ffmpeg.count_frames_and_secs(str(path))  # raises for a video without an end
-    return count
+            writer.send(frame)
+    return writer.count
 
 
 def _begin(path: Path, frame: np.ndarray, fps: float, crf: int, key_every: int | None) -> Any:

@@ -1,12 +1,15 @@
-"""Statistics of features in LeRobot's format: of each episode, and of all episodes together."""
+"""Statistics of features in LeRobot's format: of each episode, and of all episodes together.
+
+Those of pictures are counted value by value as the pictures come, so that no picture is kept.
+"""
 
 from typing import Any
 
 import numpy as np
 
 QUANTILES = (0.01, 0.10, 0.50, 0.90, 0.99)
-MOST_PICTURES = 100
-"""Greatest number of pictures of an episode, evenly spaced, from which its statistics are computed."""
+VALUES = np.arange(256) / 255.0
+"""What the values of a byte are in statistics of pictures."""
 Statistics = dict[str, np.ndarray]
 """Minimum, maximum, mean, standard deviation, count and quantiles of a feature, by their names in LeRobot."""
 
@@ -14,15 +17,49 @@ Statistics = dict[str, np.ndarray]
 def of_numbers(values: np.ndarray) -> Statistics:
     """Return the statistics of a feature, each [F], from its values [T] or [T, F]."""
     rows = np.asarray(values, np.float64).reshape(len(values), -1)
-    return _statistics(rows, len(rows))
+    return {
+        "min": rows.min(axis=0),
+        "max": rows.max(axis=0),
+        "mean": rows.mean(axis=0),
+        "std": rows.std(axis=0),
+        "count": np.array([len(rows)]),
+        **dict(zip(_names(), np.quantile(rows, QUANTILES, axis=0), strict=True)),
+    }
 
 
-def of_pictures(pictures: np.ndarray) -> Statistics:
-    """Return the statistics of each channel [C, 1, 1] in 0..1 of pictures [T, H, W, C] uint8; `count` is the number of
-    pictures that were used."""
-    chosen = pictures[np.unique(np.linspace(0, len(pictures) - 1, MOST_PICTURES).astype(int))]
-    found = _statistics(chosen.reshape(-1, chosen.shape[-1]) / 255.0, len(chosen))
-    return {name: value if name == "count" else value.reshape(-1, 1, 1) for name, value in found.items()}
+class PictureCounts:
+    """How often each value of a byte occurs in each channel of pictures."""
+
+    def __init__(self, channels: int) -> None:
+        self._counts = np.zeros((channels, 256), np.int64)
+        self.pictures = 0
+        """Number of pictures."""
+
+    def add(self, pictures: np.ndarray) -> None:
+        """Count pictures [T, H, W, C] uint8."""
+        for channel, counts in enumerate(self._counts):
+            counts += np.bincount(pictures[..., channel].ravel(), minlength=256)
+        self.pictures += len(pictures)
+
+    def statistics(self) -> Statistics:
+        """Return the statistics [C, 1, 1] of all pixels of each channel, in 0..1; `count` is the number of pictures."""
+        share = self._counts / self._counts.sum(axis=1, keepdims=True)
+        mean = share @ VALUES
+        found = {
+            "min": VALUES[np.argmax(self._counts > 0, axis=1)],
+            "max": VALUES[255 - np.argmax(self._counts[:, ::-1] > 0, axis=1)],
+            "mean": mean,
+            "std": np.sqrt((share * (VALUES - mean[:, None]) ** 2).sum(axis=1)),
+            **{name: self._quantile(of) for name, of in zip(_names(), QUANTILES, strict=True)},
+        }
+        return {"count": np.array([self.pictures])} | {name: value.reshape(-1, 1, 1) for name, value in found.items()}
+
+    def _quantile(self, share: float) -> np.ndarray:
+        """Return the quantile [C] of each channel, between the values of neighbouring ranks as `np.quantile`."""
+        ends = self._counts.cumsum(axis=1)
+        rank = share * (ends[0, -1] - 1)
+        below, above = (np.argmax(ends > whole, axis=1) for whole in (np.floor(rank), np.ceil(rank)))
+        return VALUES[below] + (rank % 1.0) * (VALUES[above] - VALUES[below])
 
 
 def together(parts: list[Statistics]) -> Statistics:
@@ -51,17 +88,10 @@ def plain(statistics: dict[str, Statistics]) -> dict[str, Any]:
     return {key: {name: value.tolist() for name, value in found.items()} for key, found in statistics.items()}
 
 
+def from_plain(data: dict[str, Any]) -> dict[str, Statistics]:
+    """Return what `plain` was given."""
+    return {key: {name: np.array(value) for name, value in found.items()} for key, found in data.items()}
+
+
 def _names() -> list[str]:
     return [f"q{round(100 * share):02d}" for share in QUANTILES]
-
-
-def _statistics(rows: np.ndarray, count: int) -> Statistics:
-    """Return the statistics [F] of rows [N, F]."""
-    return {
-        "min": rows.min(axis=0),
-        "max": rows.max(axis=0),
-        "mean": rows.mean(axis=0),
-        "std": rows.std(axis=0),
-        "count": np.array([count]),
-        **dict(zip(_names(), np.quantile(rows, QUANTILES, axis=0), strict=True)),
-    }

@@ -1,32 +1,25 @@
 """Writing of recordings in a chosen format, and reading in any of them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
-from typing import Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
 from thalweg.core.suggestion import did_you_mean
+from thalweg.datasets.draft import check_new, draft_of
 from thalweg.datasets.episode import About, RecordedEpisode
 from thalweg.datasets.errors import DatasetError
 from thalweg.datasets.lerobot_reader import is_lerobot, read_lerobot
 from thalweg.datasets.lerobot_writer import LeRobotWriter
-from thalweg.datasets.minari_files import MinariWriter, check_name, is_minari, read_minari
-from thalweg.datasets.new_folder import check_new, new_folder
+from thalweg.datasets.minari_layout import check_name
+from thalweg.datasets.minari_reader import is_minari, read_minari
+from thalweg.datasets.minari_writer import MinariWriter
+from thalweg.datasets.steps import DataSetWriter, write_flight
 
 Format = Literal["lerobot", "minari"]
 FORMATS: tuple[Format, ...] = get_args(Format)
-
-
-class Writer(Protocol):
-    """Takes flights one after the other."""
-
-    def add(self, episode: RecordedEpisode) -> None:
-        """Write a flight.
-
-        Raises `DatasetError` if it has other actions or another size than those before it, or makes no video, and
-        `OSError` for a full disk.
-        """
-        ...
+NO_OPTIONS: Mapping[str, Any] = {}
 
 
 def check_recording(path: Path, form: str, *, video: bool) -> None:
@@ -41,22 +34,37 @@ def check_recording(path: Path, form: str, *, video: bool) -> None:
 
 
 @contextmanager
-def recording(path: Path, form: Format, about: About, *, video: bool = False) -> Iterator[Writer]:
-    """Yield a writer of flights; the folder appears when all of them are written.
+def recording(
+    path: Path, form: Format, about: About, *, video: bool = False, options: Mapping[str, Any] = NO_OPTIONS
+) -> Iterator[DataSetWriter]:
+    """Yield a writer of flights; the folder appears when the block ends without an error.
 
-    `video`: keep the colours as H.264 instead of lossless frames. Raises the errors of `check_recording`,
-    `DatasetError` if no flight was added, and `OSError`, which names a file, for a disk that takes no more.
+    Each flight that is finished is kept, whatever happens after it: the same recording, begun again, has it already.
+
+    Args:
+        path: Folder of the data set.
+        form: Its format.
+        about: What all flights have in common.
+        video: Keep the colours as H.264 instead of lossless frames.
+        options: What says which flights are recorded, as plain data; one that was interrupted resumes only if it is
+            the same.
+
+    Raises the errors of `check_recording` and `draft_of`, and `DatasetError` if no flight was added.
     """
     check_recording(path, form, video=video)
-    with new_folder(path) as draft:
-        if form == "lerobot":
-            writer = LeRobotWriter(draft, about, video=video, name=path)
-        else:
-            writer = MinariWriter(draft, path.name, about)
+    told = {"format": form, "video": video, "about": asdict(about), "options": dict(options)}
+    with draft_of(path, told) as draft:
+        writer = LeRobotWriter(draft, about, video=video) if form == "lerobot" else MinariWriter(draft, about)
         yield writer
-        writer.close()
-        if not any(draft.iterdir()):
+        if not writer.finished:
             raise DatasetError("nothing was recorded")
+        writer.close()
+
+
+def add_flight(writer: DataSetWriter, episode: RecordedEpisode) -> None:
+    """Write a flight that is in memory; raises the errors of `FlightWriter.step`."""
+    with writer.flight(episode.task, episode.options_of_flight) as flight:
+        write_flight(flight, episode)
 
 
 def read_recordings(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:

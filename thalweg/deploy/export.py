@@ -6,7 +6,6 @@ An export is compared with its policy on random images before it is written.
 import json
 import logging
 import warnings
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.policy import Policy
 from thalweg.core import versions
 from thalweg.core.atomic_io import atomic_path
@@ -25,15 +25,26 @@ from thalweg.deploy.network import ExportedNetwork
 from thalweg.deploy.onnx_policy import KEY, OnnxPolicy
 from thalweg.encoder import Encoder, PluginEncoder
 from thalweg.env.config import DEFAULT_CONFIG
+from thalweg.env.forces.options import ForceOptions
 from thalweg.env.spaces import BRANCHES
 from thalweg.env.task.proprioception import PROPRIOCEPTION
 from thalweg.env.tasks import task_named
 from thalweg.render import Camera
 from thalweg.train.encoder_of_run import context_of, encoder_of
-from thalweg.train.observations import IMAGES, PRIVILEGED, check_policy_fits, feels, observation_of, task_of
+from thalweg.train.observations import (
+    IMAGES,
+    PRIVILEGED,
+    action_of,
+    camera_of,
+    check_policy_fits,
+    feels,
+    forces_of,
+    observation_of,
+    task_of,
+)
 from thalweg.train.river import load_compatible_encoder
 
-FORMAT = 1
+FORMAT = 2
 """Version of the metadata of a file."""
 OPTIONS = (
     ("up", "none", "down"),
@@ -42,6 +53,15 @@ OPTIONS = (
     ("left", "none", "right"),
 )
 """What each option of each branch does; in a task with a fast step, `backward` is a fast step forward."""
+NUMBERS = (("up", "down"), ("turn left", "turn right"), ("forward", "backward"), ("left", "right"))
+"""What +1 and -1 of each continuous action do; in a task with a fast step, -1 forward is no move."""
+OUTPUTS = {
+    "categorical": "logits of the options of all branches",
+    "gaussian": "means, then logarithms of standard deviations",
+    "squashed": "means, then logarithms of standard deviations, before tanh",
+    "point": "numbers before tanh",
+}
+"""What a network returns, by the kind of its actions."""
 STEPS = {
     "seconds": "step_s",
     "vertical_m": "vertical_step_m",
@@ -55,7 +75,8 @@ OPSET = 18
 CHECKED_STEPS, CHECKED_FLIGHTS = 6, 3
 """Steps, and vehicles, of the comparison of an export with its policy."""
 TOLERANCE = 1e-4
-"""Greatest difference of log-probabilities, as a share of the greatest of them, or of 1 if that is less."""
+"""Greatest difference of log-probabilities or other parameters, as a share of the greatest of them, or of 1 if that is
+less."""
 
 
 @dataclass(frozen=True)
@@ -92,28 +113,32 @@ class Exportable:
                 f" ({encoder.about.get('path', 'an encoder')}) out"
             )
         vehicle = context_of(policy).get("env", {}).get("vehicle", "uav")
-        check_policy_fits(policy, encoder, task=task_of(policy), vehicle=vehicle)
+        check_policy_fits(policy, encoder, task=task_of(policy), vehicle=vehicle, action=action_of(policy))
         inputs = [{"rgb": "image", "mask": "mask"}[part] for part in seen.split("+")]
         if feels(policy):
             inputs.append("proprioception")
-        if policy.shape.memory or policy.shape.eyes is not None:
+        remembers = policy.shape.memory or policy.frames > 1
+        if remembers or policy.shape.eyes is not None:
             inputs.append("fresh")
-        if policy.shape.memory:
+        if remembers:
             inputs.append("memory")
         if policy.shape.eyes is not None:
             inputs.append("last_action")
         return cls(policy, encoder, seen, tuple(inputs))
 
     @property
+    def memory(self) -> int:
+        """M, the numbers of the memory: observations before the last one, and the recurrent state."""
+        return (self.policy.frames - 1) * self.policy.obs_size + self.policy.shape.memory
+
+    @property
     def camera(self) -> Camera:
         """The camera that the policy was trained with."""
-        told = context_of(self.policy).get("env", {}).get("camera")
-        camera = Camera(**told) if isinstance(told, Mapping) else DEFAULT_CONFIG.camera
         if self.encoder is not None:
-            return Camera(**{**asdict(camera), **dict.fromkeys(("height_px", "width_px"), self.encoder.config.size_px)})
+            return camera_of(self.policy, self.encoder)
         assert self.policy.shape.eyes is not None
         height, width, _ = self.policy.shape.eyes.image
-        return Camera(**{**asdict(camera), "height_px": height, "width_px": width})
+        return Camera(**{**asdict(camera_of(self.policy)), "height_px": height, "width_px": width})
 
     def examples(self, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
         """Return random inputs by name, as in `ExportedNetwork`, of `count` vehicles, some of which begin a flight."""
@@ -124,7 +149,7 @@ class Exportable:
             "mask": rng.integers(2, size=size, dtype=np.uint8) * 255,
             "proprioception": rng.normal(size=(count, len(PROPRIOCEPTION))).astype(np.float32),
             "fresh": np.arange(count) % 2 == 0,
-            "memory": rng.normal(size=(count, policy.shape.memory)).astype(np.float32),
+            "memory": rng.normal(size=(count, self.memory)).astype(np.float32),
             "last_action": rng.integers(-1, 3, size=(count, policy.actions.count)),
         }
         return {name: every[name] for name in self.inputs}
@@ -140,15 +165,20 @@ def _check(policy: Any) -> None:
         raise ExportError(
             "the policy sees the privileged observation, which only the simulator knows: export one that sees frames"
         )
-    if policy.frames > 1:
+    actions = policy.actions
+    if actions.count != len(BRANCHES):
         raise ExportError(
-            f"the policy sees the last {policy.frames} frames (frame_stack), which exports do not keep; train with"
-            " memory=gru, or with one frame"
+            f"the policy chooses actions of {actions.count} numbers or branches; exports are of {len(BRANCHES)}:"
+            f" {', '.join(BRANCHES)}"
         )
-    if policy.actions.kind != "categorical" or policy.actions.count != len(BRANCHES):
+    if actions.sizes:
+        return
+    if set(actions.low + actions.high) != {-1.0, 1.0}:
+        raise ExportError(f"the policy chooses numbers from {actions.low} to {actions.high}; exports are of -1..1")
+    if policy.shape.eyes is not None:
         raise ExportError(
-            f"the policy chooses {policy.actions.kind} actions of {policy.actions.count} numbers; exports are of"
-            " discrete ones with four branches"
+            "the policy sees images with convolutions of its own and chooses numbers; such a policy takes its last"
+            " options, which it does not have: train it on the codes of an encoder"
         )
 
 
@@ -226,16 +256,33 @@ def _about(chosen: Exportable, source: Path | None, name: str) -> dict[str, Any]
         "camera": {**asdict(camera), "intrinsics": camera.intrinsics().tolist()},
         "mask": "255 where water is seen, else 0",
         "proprioception": list(PROPRIOCEPTION) if "proprioception" in chosen.inputs else [],
-        "memory": policy.shape.memory,
-        "actions": dict(zip(BRANCHES, map(list, OPTIONS), strict=True)),
+        "memory": chosen.memory,
+        "action_kind": "options" if policy.actions.sizes else "numbers",
+        "actions": dict(zip(BRANCHES, map(list, OPTIONS if policy.actions.sizes else NUMBERS), strict=True)),
+        "outputs": OUTPUTS[policy.actions.kind],
         "steps": {key: env.get(field, getattr(DEFAULT_CONFIG, field)) for key, field in STEPS.items()},
         "fast_step_m": task_named(task).fast_step_m,
         "temperature": policy.temperature,
-        "chooses": "the most probable option of each branch",
+        "chooses": _chooses(policy),
+        **_dynamics(forces_of(policy)),
         "task": task,
         "render_version": context.get("render_version"),
         "versions": {"thalweg": package_version("thalweg"), "torch": torch.__version__, "rules": versions.RULES},
     }
+
+
+def _chooses(policy: Policy) -> str:
+    """Return how an action is chosen from the outputs, in words."""
+    if policy.actions.kind == "categorical":
+        return "the most probable option of each branch"
+    nearest = {"native": "", "box_literal": ", rounded to an option", "box_scaled": ", -1..1 rounded to an option"}
+    return f"the most probable number of each branch{nearest[policy.actions.adapter]}"
+
+
+def _dynamics(forces: ForceOptions) -> dict[str, Any]:
+    """Return the dynamics of a policy's training, with its speeds if an action commands velocities."""
+    inertia = asdict(forces.inertia) if forces.dynamics == "inertial" else None
+    return {"dynamics": forces.dynamics, "inertia": inertia}
 
 
 def _compare(chosen: Exportable, exported: OnnxPolicy) -> None:
@@ -248,12 +295,15 @@ def _compare(chosen: Exportable, exported: OnnxPolicy) -> None:
         given = chosen.examples(CHECKED_FLIGHTS, rng)
         seen = {name: given[name] for name in ("image", "mask", "proprioception") if name in given}
         wanted, found = player(_observed(chosen, seen), fresh), flights(**seen, fresh=fresh)
-        log_probs = player.log_probs()
-        assert log_probs is not None
-        apart = np.abs(_log_probs(flights.outputs, chosen.policy) - log_probs).max()
-        if apart > TOLERANCE * max(1.0, float(np.abs(log_probs).max())):
+        if chosen.policy.actions.kind == "categorical":
+            told, outputs = player.log_probs(), _log_probs(flights.outputs, chosen.policy)
+        else:
+            told, outputs = player.parameters(), flights.outputs / np.float32(chosen.policy.temperature)
+        assert told is not None
+        apart = np.abs(outputs - told).max()
+        if apart > TOLERANCE * max(1.0, float(np.abs(told).max())):
             raise ExportError(f"the exported network differs from the policy by {apart:.2g}: nothing was written")
-        if not np.array_equal(wanted, found) and not _is_tie(log_probs, wanted, found):
+        if wanted.shape != found.shape or not _same_choice(chosen.policy.actions, told, wanted, found):
             raise ExportError("the exported network chooses other actions than the policy: nothing was written")
         fresh = rng.random(CHECKED_FLIGHTS) < 0.2
         if flights.last is not None:
@@ -275,6 +325,23 @@ def _log_probs(outputs: np.ndarray, policy: Policy) -> np.ndarray:
     """Return the log-probabilities [N, A, K] of K options of A branches, from outputs [N, A K] of the network."""
     logits = torch.from_numpy(outputs) / policy.temperature
     return policy.actions.distribution(logits).log_p.numpy()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _same_choice(actions: Actions, told: np.ndarray, one: np.ndarray, other: np.ndarray) -> bool:
+    """Return whether two choices [N, A] are the same, or of options between which `TOLERANCE` decides.
+
+    `told`: log-probabilities [N, A, K] of options, or parameters [N, P] of numbers, from which the choices were made.
+    """
+    if np.array_equal(one, other):
+        return True
+    if actions.kind == "categorical":
+        return _is_tie(told, one, other)
+    if not actions.sizes:
+        return bool(np.abs(one - other).max() <= TOLERANCE)
+    numbers = told[:, : actions.count] if actions.kind == "gaussian" else np.tanh(told[:, : actions.count])
+    last = np.array(actions.sizes) - 1
+    between = (numbers + 1.0) * (0.5 * last) if actions.adapter == "box_scaled" else numbers
+    return bool(np.abs(between - np.minimum(one, other) - 0.5)[one != other].max() <= TOLERANCE * max(1.0, last.max()))
 
 
 def _is_tie(log_probs: np.ndarray, one: np.ndarray, other: np.ndarray) -> bool:

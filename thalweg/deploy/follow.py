@@ -53,7 +53,8 @@ class Follower:
         self._fresh = True
 
     def __call__(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return colours [H, W, 3] uint8, options int64 [4] and water mask [H, W] uint8 of a frame [H', W', 3] uint8.
+        """Return colours [H, W, 3] uint8, options int64 [4] or numbers float32 [4] of the move, and the water mask
+        [H, W] uint8 of a frame [H', W', 3] uint8.
 
         H and W are those of the policy's camera. The mask is None without a segmenter.
         """
@@ -97,7 +98,7 @@ def overlay(colours: np.ndarray, options: np.ndarray, mask: np.ndarray | None, t
 
     Args:
         colours: [H, W, 3] uint8.
-        options: int64 [4], the policy's move.
+        options: int64 [4] or float32 [4] in -1..1, the policy's move.
         mask: [H, W] uint8, above 0 where water was found; None to show none.
         title: Name of the policy.
         step: Number of the step, from 1.
@@ -112,7 +113,7 @@ def overlay(colours: np.ndarray, options: np.ndarray, mask: np.ndarray | None, t
     for line, text in enumerate((title, f"step {step}")):
         draw.text((left, MARGIN_PX + line * LINE_PX), text, TEXT, font)
     for branch, (names, option) in enumerate(zip(OPTIONS, options, strict=True)):
-        name = names[int(option)]
+        name = move_in_words(names, option)
         at = (left, MARGIN_PX + (3 + branch) * LINE_PX)
         draw.text(at, name if name != "none" else "-", QUIET if name in ("none", "backward") else TEXT, font)
     if mask is not None:
@@ -122,8 +123,16 @@ def overlay(colours: np.ndarray, options: np.ndarray, mask: np.ndarray | None, t
     return np.asarray(canvas)
 
 
+def move_in_words(names: tuple[str, ...], choice: np.number) -> str:
+    """Return what an option does, or a number with its share of a step; `names` as in `OPTIONS`."""
+    if np.issubdtype(choice.dtype, np.integer):
+        return names[int(choice)]
+    share = f"{abs(choice):.0%}"
+    return "none" if share == "0%" else f"{names[0 if choice > 0 else 2]} {share}"
+
+
 def follow(path: Path, out: Path, follower: Follower, title: str) -> np.ndarray:
-    """Write the overlay of the video `path` to `out`, atomically, and return the options int64 [T, 4] of the T moves.
+    """Write the overlay of the video `path` to `out`, atomically, and return its T moves [T, 4].
 
     Frames are taken about a step apart. Raises `FileNotFoundError`, and `VideoError` for a file that is no video, has
     no frame, or does not say how many frames a second it has.

@@ -61,7 +61,7 @@ class OnnxPlayer:
         self.last = np.full((count, branches), NO_ACTION) if "last_action" in policy.inputs else None
         """[N, A] options that were taken last; None for a policy that does not take them."""
         self.outputs: np.ndarray = np.zeros((count, 0), np.float32)
-        """[N, K] outputs of the last step: logits of the options of all branches."""
+        """[N, K] outputs of the last step, which `outputs` of the metadata explains."""
 
     def __call__(
         self,
@@ -70,7 +70,7 @@ class OnnxPlayer:
         proprioception: np.ndarray | None = None,
         fresh: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Return the options int64 [N, A] of the next move.
+        """Return the options int64 [N, A] of the next move, or its numbers float32 [N, A] in -1..1.
 
         Args:
             image: uint8 [N, H, W, 3], sRGB.

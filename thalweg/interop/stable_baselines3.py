@@ -11,6 +11,7 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import VectorEnv
 
+from thalweg.core.extras import how_to_install
 from thalweg.interop.errors import InteropError, not_installed
 from thalweg.interop.vector_envs import vector_env
 from thalweg.interop.vector_infos import check_same_step, info_of_each
@@ -18,7 +19,7 @@ from thalweg.interop.vector_infos import check_same_step, info_of_each
 try:
     from stable_baselines3.common.vec_env import VecEnv, VecMonitor  # pyright: ignore[reportMissingImports]
 except ModuleNotFoundError as error:
-    raise not_installed(error, "Stable-Baselines3", "pip install 'thalweg[sb3]' installs it") from error
+    raise not_installed(error, "Stable-Baselines3", how_to_install("sb3")) from error
 
 SHARED = ("render_mode", "spec", "metadata", "config", "camera", "cost_kinds", "done_reasons", "river_names")
 """Attributes that all environments have in common, which `RiverVecEnv.get_attr` returns."""

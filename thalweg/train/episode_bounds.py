@@ -137,7 +137,7 @@ def bounds_in_words(config: Any, given: Any) -> str:
     if missing:
         what = " and ".join(WHAT[name] for name in missing)
         lines.append(
-            f"Values are kept near the range of {what} seen so far, which is the default; {' and '.join(missing)}"
-            " would fix it."
+            f"Values are kept near the range of {what} seen so far, which is the default; for fixed bounds set"
+            f" {' and '.join(missing)}."
         )
     return " ".join(lines)

@@ -1,5 +1,7 @@
 """What policies of the river task see, and whether a policy fits what it would be shown."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,12 +9,12 @@ from thalweg.algos.policy.actions import Actions
 from thalweg.core import versions
 from thalweg.core.cache import file_hash
 from thalweg.encoder import Encoder, PluginEncoder
-from thalweg.env.config import DEFAULT_CONFIG
+from thalweg.env.config import DEFAULT_CONFIG, ActionSpace
 from thalweg.env.forces.options import ForceOptions
 from thalweg.env.spaces import CHANNELS
 from thalweg.env.task.priced.eye import features_of
 from thalweg.env.task.proprioception import PROPRIOCEPTION
-from thalweg.render import RENDER_VERSION
+from thalweg.render import RENDER_VERSION, Camera
 from thalweg.train.encoder_of_run import context_of, encoder_in_words
 from thalweg.train.errors import TrainingError
 
@@ -73,6 +75,26 @@ def forces_of(policy: Any) -> ForceOptions:
     return ForceOptions.of_env_data(context_of(policy).get("env", {}))
 
 
+def camera_of(policy: Any, encoder: Encoder | None = None) -> Camera:
+    """Return the camera that a policy was trained with, that of the levels if it does not say it.
+
+    With an `encoder`, its frames have the size that the encoder takes.
+    """
+    told = context_of(policy).get("env", {}).get("camera")
+    camera = Camera(**told) if isinstance(told, Mapping) else DEFAULT_CONFIG.camera
+    return (
+        camera
+        if encoder is None
+        else replace(camera, height_px=encoder.config.size_px, width_px=encoder.config.size_px)
+    )
+
+
+def action_of(policy: Any) -> ActionSpace:
+    """Return the kind of actions of a policy, see `EnvConfig.action`; a policy without spaces takes any."""
+    actions = getattr(policy, "actions", None)
+    return "continuous" if actions is not None and not actions.sizes else "multidiscrete"
+
+
 def check_policy_fits(
     policy: Any,
     encoder: Encoder | None,
@@ -129,8 +151,8 @@ def _check_actions(actions: Actions | None, kind: str) -> None:
     if kind == "continuous":
         if actions.sizes or actions.shape != (4,):
             raise TrainingError(
-                f"inertial dynamics take continuous actions, a Box of shape (4,), not {found}: choose a policy that was"
-                " trained with them, or kinematic dynamics"
+                f"the flight takes continuous actions, as inertial dynamics do, a Box of shape (4,), not {found}:"
+                " choose a policy that was trained with them, or kinematic dynamics and discrete actions"
             )
     elif (actions.sizes, actions.start, actions.shape) != (BRANCHES, (0, 0, 0, 0), (4,)):
         raise TrainingError(f"the river task takes four branches of 3 options, counted from 0, not {found}")
@@ -172,7 +194,7 @@ def _check_inputs(policy: Any, offered: str, encoder: Encoder | None, of: tuple[
     `of` are the task and the vehicle, by which the privileged observation differs.
     """
     if offered in IMAGES:
-        camera = DEFAULT_CONFIG.camera
+        camera = camera_of(policy)
         needed = (camera.height_px, camera.width_px, CHANNELS[offered])
         offers = f"{IN_WORDS[offered]} have the shape"
     elif encoder is None:

@@ -3,6 +3,7 @@
 Other environments are passed to `thalweg.train.run` directly, which does not depend on rivers.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -74,6 +75,15 @@ def print_once(line: str) -> None:
     notice(line)
 
 
+def banks_version(grounds: Iterable[Level | Reach]) -> dict[str, int]:
+    """Return what records say of the kinds of banks of some rivers: their version, or nothing where all are forest.
+
+    Raises `WorldError` for a file from which no river can be made.
+    """
+    others = any(ground.has_banks if isinstance(ground, Reach) else ground.banks for ground in grounds)
+    return {"banks_version": versions.BANKS} if others else {}
+
+
 RiverChange = Literal["auto", "fixed", "episode"]
 
 
@@ -136,23 +146,26 @@ class RiverTraining:
         return self.world_seeds or (self.levels[0].default_seed if self.levels else 0,)
 
     @property
+    def grounds(self) -> Sequence[Level | Reach]:
+        """The levels, or the real river."""
+        return [self.river] if isinstance(self.river, Reach) else self.levels
+
+    @property
     def listed(self) -> list[tuple[Level | Reach, int]]:
         """The rivers by level, or real river, and seed."""
-        grounds = [self.river] if isinstance(self.river, Reach) else self.levels
-        return [(ground, seed) for ground in grounds for seed in self.seeds]
+        return [(ground, seed) for ground in self.grounds for seed in self.seeds]
 
     def about(self) -> dict[str, Any]:
         """Return what config.yaml says about the rivers, as plain data.
 
-        Raises `WorldError` for an unknown level or a missing file.
+        Raises `WorldError` for an unknown level, and for a file from which no river can be made.
         """
         names = [level.name for level in self.levels]
         if isinstance(self.river, Reach):
             ground: dict[str, Any] = {"river": self.river.as_data()}
         else:
             ground = {"level": names[0]} if len(names) == 1 else {"levels": names}
-        if any(level.banks for level in self.levels) or (isinstance(self.river, Reach) and self.river.banks):
-            ground["banks_version"] = versions.BANKS
+        ground |= banks_version(self.grounds)
         if self.changes_river:
             return {**ground, "world_seeds": compact_seeds(self.seeds), "rivers": "episode"}
         return {**ground, "world_seeds": list(self.seeds)}

@@ -45,9 +45,9 @@ class BankReach:
     kind: str
     """One of `KINDS`."""
     start_m: float = 0.0
-    """Arc length at which it begins."""
+    """Arc length at which it begins, rounded to millimetres."""
     end_m: float | None = None
-    """Arc length at which it ends, on a loop also before `start_m`; None for the end of the course."""
+    """Arc length at which it ends, rounded too, on a loop also before `start_m`; None for the end of the course."""
     side: str = "both"
     """One of `SIDES`."""
 
@@ -64,7 +64,8 @@ class BankReach:
                 continue
             if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= float(value) < math.inf:
                 raise WorldError(f"banks: {name} of {self.kind} is {value!r}; expected metres of at least 0")
-            object.__setattr__(self, name, float(value))
+            # What is written of a reach is then the reach itself: names of levels and caches are made of it.
+            object.__setattr__(self, name, round(float(value), 3))
         if self.end_m == self.start_m:
             raise WorldError(f"banks: the reach of {self.kind} begins and ends at {self.start_m:g} m; it has no length")
 
@@ -136,7 +137,8 @@ def check_banks(banks: Banks, length_m: float, closed: bool) -> None:
     """Raise `WorldError` for a reach that is not on a course of this length."""
     for reach in banks:
         end = length_m if reach.end_m is None else reach.end_m
-        if max(reach.start_m, end) > length_m or reach.start_m == length_m:
+        # Ends are rounded to millimetres, which may lead past that of the course.
+        if end > length_m + 1e-3 or reach.start_m >= length_m:
             raise WorldError(
                 f"banks: {reach.text} is not on the course, which is {length_m:.1f} m long; expected 0 to "
                 f"{length_m:.1f} m"

@@ -107,33 +107,52 @@ def bend_count(line: np.ndarray, closed: bool, over_deg: float = 30.0) -> int:
     return int(np.sum(np.abs(bends(line, closed)) > np.radians(over_deg)))
 
 
-def self_crossings(line: np.ndarray, closed: bool) -> np.ndarray:
-    """Return [K, 2] int the pairs (i, j), i < j, of segments that cross; segments that share a vertex never do.
+def overlapping(low: np.ndarray, high: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the pairs i < j of boxes that overlap or touch, as two arrays, about `BLOCK_PAIRS` candidates at a time.
 
-    Two segments cross where the ends of each lie on different sides of the other (de Berg et al., 2008, section 2.1).
+    A box reaches from `low` [K, 2] to `high` [K, 2]. Candidates overlap along the axis on which the boxes are spread
+    most: they follow each other in the order of their lower ends (sweep and prune; Cohen et al., 1995), so that few of
+    all pairs are looked at on a line that leads somewhere.
+    """
+    axis = int(np.argmax(np.ptp(low, axis=0)))
+    order = np.argsort(low[:, axis], kind="stable")
+    place = np.arange(len(order))
+    counts = np.searchsorted(low[order, axis], high[order, axis], side="right") - place - 1
+    block = np.cumsum(counts) // BLOCK_PAIRS
+    for rows in np.split(place, np.flatnonzero(np.diff(block)) + 1):
+        one = np.repeat(rows, counts[rows])
+        begin = np.cumsum(counts[rows]) - counts[rows]
+        other = one + 1 + np.arange(len(one)) - np.repeat(begin, counts[rows])
+        i, j = order[one], order[other]
+        i, j = np.minimum(i, j), np.maximum(i, j)
+        across = (low[i, 1 - axis] <= high[j, 1 - axis]) & (low[j, 1 - axis] <= high[i, 1 - axis])
+        yield i[across], j[across]
+
+
+def self_crossings(line: np.ndarray, closed: bool) -> np.ndarray:
+    """Return [K, 2] int the pairs (i, j), i < j, of segments that cross, in order; segments that share a vertex never
+    do.
+
+    Two segments cross where the ends of each lie on different sides of the other (de Berg et al., 2008, section 2.1),
+    and their boxes overlap: of segments on one straight line the sides are rounding noise.
     """
     start = line if closed else line[:-1]
     end = start + edges(line, closed)
-    count = len(start)
 
-    def side(a: np.ndarray, b: np.ndarray, p: np.ndarray) -> np.ndarray:
-        along = (b - a)[:, None, :]
-        to_point = p[None, :, :] - a[:, None, :]
-        return along[..., 0] * to_point[..., 1] - along[..., 1] * to_point[..., 0]
+    def side(a: np.ndarray, p: np.ndarray) -> np.ndarray:
+        along, to_point = end[a] - start[a], p - start[a]
+        return along[:, 0] * to_point[:, 1] - along[:, 1] * to_point[:, 0] > 0
 
-    found = []
-    for rows in blocks(count):
-        separates = (side(start[rows], end[rows], start) > 0) != (side(start[rows], end[rows], end) > 0)
-        separated = (side(start, end, start[rows]) > 0) != (side(start, end, end[rows]) > 0)
-        later = np.arange(count)[None, :] >= np.arange(count)[rows, None] + 2
-        found.append(np.argwhere(separates & separated.T & later) + np.array([rows.start, 0]))
-    i, j = np.concatenate(found).T
-    # Of segments on one straight line the sides are rounding noise; those that cross overlap in x and in y.
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    keep = np.all((low[i] <= high[j]) & (low[j] <= high[i]), axis=1)
-    if closed:
-        keep &= ~((i == 0) & (j == count - 1))
-    return np.stack([i[keep], j[keep]], axis=1)
+    found = [np.zeros((0, 2), dtype=np.int64)]
+    for i, j in overlapping(np.minimum(start, end), np.maximum(start, end)):
+        apart = j >= i + 2
+        if closed:
+            apart &= (i > 0) | (j < len(start) - 1)
+        i, j = i[apart], j[apart]
+        cross = (side(i, start[j]) != side(i, end[j])) & (side(j, start[i]) != side(j, end[i]))
+        found.append(np.stack([i[cross], j[cross]], axis=1))
+    pairs = np.concatenate(found)
+    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
 
 
 def arc_between(arc_m: np.ndarray, length_m: float, closed: bool, rows: slice = slice(None)) -> np.ndarray:
@@ -141,7 +160,13 @@ def arc_between(arc_m: np.ndarray, length_m: float, closed: bool, rows: slice = 
 
     `rows` selects the first vertex of each pair.
     """
-    apart = np.abs(arc_m[rows, None] - arc_m[None, :])
+    return arc_apart(arc_m[rows, None], arc_m[None, :], length_m, closed)
+
+
+def arc_apart(one_m: np.ndarray, other_m: np.ndarray | float, length_m: float, closed: bool) -> np.ndarray:
+    """Return the arc length between positions on the line, element by element, the shorter way round on a closed
+    line."""
+    apart = np.abs(one_m - other_m)
     return np.minimum(apart, length_m - apart) if closed else apart
 
 
@@ -153,5 +178,4 @@ def distances(line: np.ndarray, rows: slice = slice(None)) -> np.ndarray:
 
 def arc_distance_from(arc_m: np.ndarray, length_m: float, closed: bool, centre_m: float) -> np.ndarray:
     """Return [S] the arc distance from the position `centre_m` on the line, the shorter way round on a closed line."""
-    apart = np.abs(arc_m - centre_m)
-    return np.minimum(apart, length_m - apart) if closed else apart
+    return arc_apart(arc_m, centre_m, length_m, closed)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 from thalweg.core.suggestion import did_you_mean
-from thalweg.world.banks import Banks, read_banks, text_of
+from thalweg.world.banks import Banks, parse_banks, read_banks, text_of
 from thalweg.world.errors import WorldError
 from thalweg.world.validation import CLEARANCE_M, MAX_SAMPLES, MIN_LENGTH_M, MIN_SAMPLES
 
@@ -96,7 +96,7 @@ class Level:
     """Seed of the level's fixed river."""
     banks: Banks = ()
     """Reaches whose banks are not forest, as `thalweg.world.banks.read_banks` takes them. They stand in the name too,
-    such as `Medium+meadow`, and change no course."""
+    such as `Medium+meadow`, in place of others that it ends with, and change no course."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "banks", read_banks(self.banks))
@@ -114,16 +114,15 @@ class Level:
             raise WorldError(
                 f"level {self.name!r}: width_m must differ by at least {MIN_WIDTH_RANGE_M} m, not {self.width_m}"
             )
-        object.__setattr__(self, "name", self.base_name + self._suffix)
+        object.__setattr__(self, "name", self.base_name + (f"+{text_of(self.banks)}" if self.banks else ""))
 
     @property
     def base_name(self) -> str:
         """Name of the level with banks of forest."""
-        return self.name.removesuffix(self._suffix) if self.banks else self.name
-
-    @property
-    def _suffix(self) -> str:
-        return f"+{text_of(self.banks)}" if self.banks else ""
+        for place, character in enumerate(self.name):
+            if character == "+" and _names_banks(self.name[place + 1 :]):
+                return self.name[:place]
+        return self.name
 
     @property
     def key(self) -> int:
@@ -135,7 +134,16 @@ class Level:
 
     def with_banks(self, banks: Any) -> "Level":
         """Return the level with banks that `thalweg.world.banks.read_banks` takes, such as "meadow"."""
-        return replace(self, name=self.base_name, banks=read_banks(banks))
+        return replace(self, banks=banks)
+
+
+def _names_banks(text: str) -> bool:
+    """Return whether a text names reaches of banks."""
+    try:
+        parse_banks(text)
+    except WorldError:
+        return False
+    return True
 
 
 def parse_number(value: Any, limits: Limits) -> int | float | None:

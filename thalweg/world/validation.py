@@ -23,6 +23,8 @@ BODY_M = 0.25
 """Half the edge of the camera's body."""
 BAND_M = (0.5, 15.0)
 """Range of allowed heights above the water."""
+ROUNDING_M = 1e-6
+"""What squares around samples are larger by than they must be."""
 MIN_LENGTH_M = {True: 45.0, False: 15.0}
 """Minimum length of a closed and an open course: a circle of the minimum radius with some width, and a few steps."""
 MIN_SAMPLES = {True: 24, False: 8}
@@ -119,20 +121,23 @@ def check_arms(river: River, land_m: float) -> None:
     Two samples belong to different arms if the way along the line is longer than a half circle over the required
     distance.
     """
-    worst = (0.0, 0, 0, 0.0, 0.0)
-    for rows in geometry.blocks(len(river.arc_m)):
-        needed = (river.width_m[rows, None] + river.width_m[None, :]) / 2 + land_m
-        apart = geometry.distances(river.position_m, rows)
-        arc = geometry.arc_between(river.arc_m, river.length_m, river.closed, rows)
-        margin = np.where(arc > 1.6 * needed, apart - needed, np.inf)
-        i, j = np.unravel_index(int(np.argmin(margin)), margin.shape)
-        if margin[i, j] < worst[0]:
-            worst = margin[i, j], rows.start + i, j, apart[i, j], needed[i, j]
+    position, width, worst = river.position_m, river.width_m, (0.0, 0, 0)
+    # Squares that just touch where two samples are as far apart as needed; the rounding of their edges is no matter.
+    reach = np.maximum((width + land_m) / 2, 0.0)[:, None] + ROUNDING_M
+    for i, j in geometry.overlapping(position - reach, position + reach):
+        needed = (width[i] + width[j]) / 2 + land_m
+        arc = geometry.arc_apart(river.arc_m[i], river.arc_m[j], river.length_m, river.closed)
+        margin = np.hypot(*(position[i] - position[j]).T) - needed
+        near = np.flatnonzero((arc > 1.6 * needed) & (margin < 0))
+        if len(near):
+            near = near[margin[near] == margin[near].min()]  # of equal ones, the first along the line
+            worst = min(worst, *zip(margin[near], i[near], j[near], strict=True))
     if worst[0] < 0:
-        _, i, j, apart, needed = worst
+        margin, i, j = worst
+        needed = (width[i] + width[j]) / 2 + land_m
         raise WorldError(
             f"the banks of two arms overlap: arc {river.arc_m[i]:.1f} m and {river.arc_m[j]:.1f} m are "
-            f"{apart:.2f} m apart; limit {needed:.2f} m"
+            f"{np.hypot(*(position[i] - position[j])):.2f} m apart; limit {needed:.2f} m"
         )
 
 

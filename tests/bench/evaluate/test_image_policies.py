@@ -131,7 +131,7 @@ ENCODER: Any = Encoder()
 
 
 def test_a_policy_is_shown_what_it_was_trained_on(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("thalweg.bench.evaluate.evaluation.Renderer", lambda worlds, device: SmallRenderer())
+    monkeypatch.setattr("thalweg.bench.evaluate.evaluation.Renderer", lambda *_, **__: SmallRenderer())
     whole = course()
     step = Step(np.array([1, 3]), whole.starts[[1, 3]], whole.clocks_s[[1, 3]], np.zeros(2))
     policies: list[Any] = [SimpleNamespace(), image_policy("rgb"), image_policy("mask"), *BASELINES.values()]

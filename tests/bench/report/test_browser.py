@@ -1,6 +1,7 @@
 """The page of a report as a reader has it: in a browser, without a network, by mouse and by keyboard, on a phone."""
 
 import shutil
+import time
 from pathlib import Path
 from typing import Any
 
@@ -83,12 +84,18 @@ def filter_by(browser: Browser, **words: str) -> str:
 
 
 @pytest.mark.slow
-def test_the_page_loads_without_complaints_and_asks_nobody_for_anything(browser: Browser, page: Path):
+def test_the_page_loads_its_films_without_complaints_and_asks_nobody_for_anything_else(browser: Browser, page: Path):
     assert browser.complaints() == browser.requests() == []
     browser.open(page)
+    played = "return [...document.querySelectorAll('video')].map((film) => film.error === null && film.videoWidth)"
+    end = time.monotonic() + 20
+    while browser.run(played) != [384] * 3 and time.monotonic() < end:
+        time.sleep(0.05)
+    assert browser.run(played) == [384] * 3
     asked = browser.requests()
     assert page.as_uri() in asked
-    assert [url for url in asked if url != page.as_uri() and not url.startswith("data:")] == []
+    films = [(page.parent / f"{name}.mp4").as_uri() for name in ("film", "films/PPO-best", "films/P3O-best")]
+    assert {url for url in asked if url != page.as_uri() and not url.startswith("data:")} == {*films}
     assert browser.complaints() == []
 
 
@@ -214,9 +221,24 @@ def test_nothing_is_wider_than_a_phone_and_a_picture_can_be_enlarged(browser: Br
     assert browser.run(WIDEST) == 360
 
 
+@pytest.mark.parametrize(("width", "together"), [(1280, True), (360, False)])
+def test_the_ranking_stands_first_beside_the_film_or_above_it(browser: Browser, page: Path, width: int, together: bool):
+    browser.open(page, width)
+    places = "return [...document.querySelectorAll(arguments[0])].map((each) => each.getBoundingClientRect().toJSON())"
+    (ranking,), (film, *_) = browser.run(places, ".ranking"), browser.run(places, "video")
+    (form,) = browser.run(places, "#filter")
+    assert 0 < ranking["top"] < ranking["bottom"] < form["top"] and ranking["right"] <= width
+    assert (film["left"] > ranking["right"]) == together and (film["top"] > ranking["bottom"]) != together
+    assert film["bottom"] < form["top"] and film["right"] <= width
+    values = browser.driver.find_elements("css selector", ".ranking .value")
+    assert [value.text for value in values] == ["1.50"]
+    (whole,), (bar,) = browser.run(places, ".ranking .scale"), browser.run(places, ".ranking .bar")
+    assert bar["width"] / whole["width"] == pytest.approx(0.15, abs=0.01)
+
+
 def test_no_table_of_the_study_is_clipped_on_a_laptop(browser: Browser):
     root = HERE.parents[2]
-    style = (root / "thalweg" / "bench" / "report" / "page.css").read_text(encoding="utf-8")
+    style = (root / "thalweg" / "bench" / "report" / "html" / "page.css").read_text(encoding="utf-8")
     browser.open(root / "benchmarks" / "paper" / "report" / "report.html", width=1280)
     browser.run("document.querySelector('style').textContent = arguments[0]", style)  # as it is written today
     boxes = browser.run(
@@ -276,7 +298,7 @@ def test_without_its_script_the_page_says_the_same(browser: Browser, page: Path)
     try:
         browser.open(page)
         assert not browser.driver.find_element("id", "filter").is_displayed()
-        assert len(browser.driver.find_elements("css selector", "tbody tr")) == 23
+        assert len(browser.driver.find_elements("css selector", ".wide tbody tr")) == 23
         assert browser.driver.find_elements("css selector", "button") == []
     finally:
         browser.driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})

@@ -11,7 +11,7 @@ import pytest
 from tests.bench.small_backend import write_film_of
 from tests.bench.versioned import record_current_versions
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.report.page import page
+from thalweg.bench.report.html.page import page
 from thalweg.bench.report.report import write_report
 from thalweg.bench.report.result_tables import detail_table, paper_table
 from thalweg.bench.report.sections import SECTIONS, TableSection
@@ -343,7 +343,7 @@ def test_a_report_is_replaced_completely_or_not_at_all(tiny_results: Path, monke
     report = write_report(tiny_results)
     before = report.page.read_bytes()
 
-    def full_disk(*_):
+    def full_disk(*_, **__):
         raise OSError("no space left on device")
 
     monkeypatch.setattr("thalweg.bench.report.report.page", full_disk)

@@ -17,12 +17,15 @@ from thalweg.bench.suite.builtin import suite_named
 
 
 @pytest.mark.slow
-def test_the_page_loads_nothing_from_elsewhere(tiny_results: Path):
+def test_the_page_loads_nothing_but_the_film_beside_it(tiny_results: Path):
     write_film_of(tiny_results)
     page = write_report(tiny_results).page.read_text()
     sources = re.findall(r"""(?:src|href|poster|action|data)\s*=\s*['"]([^'"]*)""", page)
-    assert len(sources) == 6  # icon, film, levels, curves, failures, profiles
-    assert all(source.startswith("data:") for source in sources)
+    inside = [source for source in sources if source.startswith("data:")]
+    assert len(inside) == 5  # icon, levels, curves, failures, profiles
+    anchors = [source for source in sources if source.startswith("#")]
+    assert {*sources} - {*inside} - {*anchors} == {"film.mp4"}
+    assert all(f"id='{anchor[1:]}'" in page for anchor in anchors)
     assert not re.search(r"https?://|@import|url\(", page)
 
 
@@ -62,6 +65,17 @@ def test_the_suite_of_the_learning_curves_makes_its_report_of_one_level(tmp_path
     assert report.table.read_text().startswith("| policy | seeds | Easy return | Easy cost | critics see |\n")
     assert "on Easy, start" in (tmp_path / "film.txt").read_text()
     assert report.page.read_text().count("<img ") == 5
+
+
+@pytest.mark.slow
+def test_the_page_of_twelve_algorithms_is_small(tmp_path: Path):
+    """36 runs of 200,000 steps, with all their figures; films are not on the page."""
+    study = Path(__file__).resolve().parents[3] / "benchmarks" / "privileged"
+    page = write_report(study, tmp_path / "report").page
+    text = page.read_text()
+    assert page.stat().st_size < 2_000_000
+    assert len(re.findall(r"<img src='data:image/(png|jpeg);", text)) == 8
+    assert text.index("id='ranking'") < text.index("<img ") < text.index("id='table'")
 
 
 @pytest.mark.slow

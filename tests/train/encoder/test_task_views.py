@@ -11,6 +11,7 @@ import pytest
 
 from tests.env.handmade import canal, ring
 from thalweg.cli.main import main
+from thalweg.core import versions
 from thalweg.encoder import EncoderInputError, load_encoder
 from thalweg.encoder.geometry import GeometryConfig
 from thalweg.env import EnvConfig, RiverVectorEnv
@@ -218,6 +219,11 @@ def test_a_training_without_tasks_has_the_identity_it_always_had(tmp_path: Path)
     assert "tasks" not in plain._identity and plain._labels("starts") == ("starts",)
     assert plain.config.targets == FEATURES
     assert toy(tmp_path, ("River", "Nests"))._identity["tasks"] == ["River", "Nests"]
+
+
+def test_a_training_on_other_banks_has_their_version(tmp_path: Path):
+    assert toy(tmp_path, levels=("Easy", "Easy+meadow"))._identity["banks_version"] == versions.BANKS
+    assert "banks_version" not in toy(tmp_path)._identity
 
 
 def test_tasks_are_refused_before_anything_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture):

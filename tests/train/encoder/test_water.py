@@ -120,6 +120,7 @@ def test_the_command_trains_and_says_from_where_it_resumes(
         (["--architecture", "paper"], "--architecture does not go with --target water"),
         (["--inputs", "mask"], "--inputs does not go with --target water"),
         (["--river", "a.gpx"], "--river does not go with --target water"),
+        (["--banks", "meadow"], "give levels with their banks, such as --level Medium+meadow"),
         (["--latent", "8"], "--latent does not go with --target water"),
         (["--level", "medum"], "unknown level 'medum' (did you mean 'Medium'?)"),
         (["--epochs", "0"], "--epochs must be at least 1, not 0"),

@@ -65,6 +65,19 @@ def test_a_loop_of_one_kind_and_a_stretch_over_its_end(tmp_path):
     assert (start, end) == pytest.approx((200, 240), abs=1.5)
 
 
+@pytest.mark.parametrize(
+    ("radius", "count", "turned"), [(49.10885, 65, True), (31.22921, 53, False), (48.19907, 88, True)]
+)
+def test_a_stretch_may_begin_or_end_where_a_loop_is_closed(tmp_path, radius, count, turned):
+    """Rounding led past the end of each of these loops."""
+    ring = [*map(tuple, circle(radius, count)), (radius, 0.0)]
+    ring = ring[::-1] if turned else ring
+    length = 2 * count * radius * np.sin(np.pi / count)
+    for value, wanted in (("reeds_0-40", (0, 40)), ("reeds_100-", (100, length))):
+        (reach,) = plan_file(write(tmp_path, line(ring, width=8, banks=value)), Selection()).banks
+        assert (reach.start_m, length if reach.end_m is None else reach.end_m) == pytest.approx(wanted, abs=0.2)
+
+
 def test_the_option_lies_over_the_file_and_forest_takes_it_away(tmp_path):
     path = write(tmp_path, line(straight(0, 200), width=8, banks="meadow"))
     assert banks_of(path, banks="quay_50-80") == "meadow+quay_50-80"

@@ -297,6 +297,12 @@ class NetworkPlayer:
         distribution = policy.actions.distribution(parameters)
         return distribution.mode() if self.deterministic else distribution.sample(self.generator)
 
+    def parameters(self) -> np.ndarray | None:
+        """Return the parameters float32 [N, P] of the distribution after the last observation, see `Actor`, divided by
+        the temperature; None if it has seen nothing yet, or draws its options without them."""
+        parameters = None if self._seen is None else self._seen[1]
+        return None if parameters is None else array_of(parameters)
+
     @torch.inference_mode()
     def log_probs(self) -> np.ndarray | None:
         """Return the logarithmic probability float32 [N, A, K] of each option of each branch after the last

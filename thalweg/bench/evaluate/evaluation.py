@@ -6,7 +6,7 @@ the batch.
 """
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,12 +25,13 @@ from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.pilot.in_rivers import PILOTS
 from thalweg.env.spaces import CHANNELS, from_unit_actions
-from thalweg.render import Renderer
+from thalweg.render import Camera, Renderer
 from thalweg.render.records.appearance import look_rows, look_values
 from thalweg.render.records.breeze import ruffle
+from thalweg.render.records.quality import Quality
 from thalweg.train.encoder_of_run import context_of
 from thalweg.train.folder.run_record import PLUGIN
-from thalweg.train.observations import feels, observation_of
+from thalweg.train.observations import camera_of, feels, observation_of
 from thalweg.world import World
 
 
@@ -99,21 +100,24 @@ def observation_function(
     device: str = "cpu",
     *,
     shielded: bool = False,
+    quality: Quality = "full",
 ) -> Observe | None:
     """Return the observation function of a policy in a scene; None for a policy for which nothing is drawn.
 
-    Only policies of codes need the `encoder`; frames for them are rendered on its device, and images on the `device`.
+    Frames are those of the camera that the policy was trained with. Only policies of codes need the `encoder`; frames
+    for them are rendered on its device, and images on the `device`.
     If a flight is `shielded`, masks are drawn for a policy that sees nothing. Raises the errors of `sight_of`, and
     `ValueError` for a policy of codes without an encoder.
     """
     sees = sight_of(policy)
     if sees == "images":
-        return image_frames(scene, observation_of(policy), device=device)
+        renderer = _renderer_of(scene, camera_of(policy), quality, device)
+        return image_frames(scene, observation_of(policy), renderer, device)
     if sees != "frames":
         return image_frames(scene, "mask", device=device) if shielded else None
     if encoder is None:
         raise ValueError("this policy sees frames through an encoder: give one, such as load_encoder()")
-    return encoded_frames(scene, encoder)
+    return encoded_frames(scene, encoder, _renderer_of(scene, camera_of(policy), quality, str(encoder.device)))
 
 
 def encoded_frames(scene: World | Course, encoder: Encoder, renderer: Renderer | None = None) -> Observe:
@@ -142,13 +146,22 @@ def image_frames(
     return FrameView(draw, lambda frames: frames[..., :channels])
 
 
+def _worlds_of(scene: World | Course) -> Sequence[World]:
+    """Return the worlds that are drawn of a scene, each under its suns."""
+    return [scene] if isinstance(scene, World) else scene.lights or [scene.world]
+
+
+def _renderer_of(scene: World | Course, camera: Camera, quality: Quality, device: str) -> Renderer:
+    """Return a renderer of a scene."""
+    return Renderer(_worlds_of(scene), camera, quality, device=resolve_device(device))
+
+
 def _frames_of(
     scene: World | Course, channels: int, device: torch.device, renderer: Renderer | None
 ) -> Callable[[Step], torch.Tensor]:
     """Return a function that draws frames uint8 [K, H, W, channels] on a device; one channel is the mask alone."""
     course = scene if isinstance(scene, Course) else None
-    worlds = [scene] if isinstance(scene, World) else scene.lights or [scene.world]
-    renderer = renderer or Renderer(worlds, device=str(device))
+    renderer = renderer or Renderer(_worlds_of(scene), device=str(device))
     camera = renderer.camera
 
     def select(array: np.ndarray | None, rows: np.ndarray, default: np.ndarray) -> np.ndarray:

@@ -19,8 +19,9 @@ from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.suite.config import Arm, Run, Stage, Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
+from thalweg.render import Camera
 from thalweg.train import load_policy
-from thalweg.train.observations import check_policy_fits, observation_of
+from thalweg.train.observations import camera_of, check_policy_fits, observation_of
 from thalweg.train.river import RiverTraining, load_compatible_encoder
 
 PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
@@ -79,7 +80,7 @@ class RiverBackend:
 
     def __init__(self, suite: Suite) -> None:
         self.suite = suite
-        self._observers: dict[tuple[str, str, str], Observe | None] = {}
+        self._observers: dict[tuple[str, str, Camera, str], Observe | None] = {}
         self._encoders: dict[str, Encoder] = {}
 
     def encoder(self, run: Run) -> Encoder:
@@ -116,7 +117,7 @@ class RiverBackend:
 
     def _train(self, run: Run, stage: Stage | Arm, level: str, folder: Path, begin_with: Path | None) -> None:
         seeds = self.suite.seeds_of(self.suite.arm(run.algorithm), stage)
-        RiverTraining(level, self.suite.num_envs, seeds, self.suite.rules).train(
+        RiverTraining(level, self.suite.num_envs, seeds, self.suite.training_rules).train(
             stage.algorithm,
             self.encoder(run) if self.suite.observation_of(run) == "frames" else None,
             steps=stage.steps,
@@ -147,7 +148,12 @@ class RiverBackend:
             check_masks(policy, encoder)
         if trial.condition != MAIN or sees not in DRAWN:
             return [observation_function(policy, course, encoder, shielded=shielded) for course in courses]
-        view = trial.level, observation_of(policy), "" if encoder is None else self.suite.encoder_of(run)
+        view = (
+            trial.level,
+            observation_of(policy),
+            camera_of(policy),
+            "" if encoder is None else self.suite.encoder_of(run),
+        )
         if view not in self._observers:
             self._observers[view] = observation_function(policy, courses[0].world, encoder)
         return [self._observers[view]]

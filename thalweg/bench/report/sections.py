@@ -21,7 +21,7 @@ from thalweg.bench.report.published import SOURCE
 from thalweg.bench.report.result_tables import detail_table, paper_table
 from thalweg.bench.report.suite_tables import algorithm_table, runs_table
 from thalweg.bench.report.table import Table
-from thalweg.bench.results.results import MAIN_FILE, MAIN_FILM, Results
+from thalweg.bench.results.results import MAIN_FILM, Results
 from thalweg.world import LEVELS
 
 
@@ -56,6 +56,10 @@ class FigureSection:
     note: str = ""
     fallback: str = "There is nothing to draw."
     """Text in place of a figure that `draw` returns None for; if empty, the section is omitted instead."""
+    photographic: bool = False
+    """Whether the page has it as a JPEG, as suits pictures without lines and text."""
+    leads: bool = False
+    """Whether it stands at the top of the page, beside the ranking, if no section before it does."""
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -65,14 +69,16 @@ class FigureSection:
 
 @dataclass(frozen=True)
 class FilmSection:
-    """Films of flights side by side; those named in `files` also lie beside the page."""
+    """Films of flights side by side, which lie beside the page."""
 
     title: str
     includes: Callable[[str], bool]
     """Whether a film of the results, by name, belongs to the section."""
     note: str = ""
-    fallback: str = "These results hold no film."
-    files: tuple[str, ...] = ()
+    fallback: str = ""
+    """Text in place of films where there are none; if empty, the section is omitted instead."""
+    leads: bool = False
+    """As of a figure; its first film then stands there."""
 
 
 Section = TableSection | FigureSection | FilmSection
@@ -88,18 +94,20 @@ SECTIONS: tuple[Section, ...] = (
         "table",
         "Return and cost",
         with_critics(paper_table),
-        "Mean ± standard deviation over episodes. An episode returns at most 10 and costs at most 1. Every policy flew"
-        f" the same list of starts, each once. Rows in italics are published figures ({SOURCE}), measured in another"
-        " simulator on other rivers: they are here for orientation, not for comparison of values.",
+        "Mean ± standard deviation over episodes. Every policy flew the same list of starts, each once. Rows in"
+        f" italics, if there are any, are published figures ({SOURCE}), measured in another simulator on other rivers:"
+        " they are here for orientation, not for comparison of values.",
     ),
+    FilmSection("A flight", lambda name: name == MAIN_FILM, leads=True),
     FigureSection(
         "levels",
         "The rivers",
         levels_from_above,
         lambda results: f"The rivers from straight above: {', '.join(results.levels)}.",
         fallback="",
+        photographic=True,
+        leads=True,
     ),
-    FilmSection("A flight", lambda name: name == MAIN_FILM, files=(MAIN_FILE,)),
     FigureSection(
         "curves",
         "Training",
@@ -205,7 +213,6 @@ SECTIONS: tuple[Section, ...] = (
         "Each policy's best flight and typical failure",
         lambda name: name != MAIN_FILM,
         f"Each policy flies the level that it was trained on. The films show every {SMALL.every}th step.",
-        fallback="",
     ),
     FigureSection(
         "conditions_grid",

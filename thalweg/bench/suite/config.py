@@ -16,6 +16,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, NAME, SHIELDED, Condition, Trial
 from thalweg.bench.evaluate.functions import FunctionPolicy, is_reference
+from thalweg.bench.suite.views import TrainingViews
 from thalweg.core.config import TupleOf, WholeNumber, frozen_config, refuse_unknown, to_plain
 from thalweg.core.plugins.record import PluginError
 from thalweg.core.seeds import compact_seeds, parse_seeds
@@ -211,6 +212,8 @@ class Suite:
     """Whether the first cost of the task ends an episode; not for River."""
     forces: ForceOptions = field(default_factory=ForceOptions)
     """Wind, current and dynamics in training and flights."""
+    views: TrainingViews = field(default_factory=TrainingViews)
+    """Camera, quality and looks of the frames in training, and the kind of actions."""
     film: Film = "packaged"
     """Whose best flight the main film shows: that of the `packaged` policy, if it is evaluated, or the `best` trained
     one's; `none`, or false: nothing is filmed. It does not belong to the results, and may be changed."""
@@ -251,21 +254,19 @@ class Suite:
 
     def _check_actions(self) -> None:
         """Raise `ValueError` for rules that do not go together, and for discrete actions where they are continuous."""
-        if self.rules.action == "multidiscrete":
+        if self.training_rules.action == "multidiscrete":
             return
         if self.packaged:
             raise ValueError(
-                "the packaged policy has no continuous actions, which inertial dynamics need: set packaged: false"
+                "the packaged policy has no continuous actions, which the flights take: set packaged: false"
             )
         if self.policies:
             raise ValueError(
-                f"{self.policies[0].label}: functions take discrete actions, but inertial dynamics need continuous ones"
+                f"{self.policies[0].label}: functions take discrete actions, but the flights take continuous ones"
             )
         shields = [condition.name for condition in self.conditions if condition.shield]
         if shields:
-            raise ValueError(
-                f"condition {shields[0]}: the shield judges no continuous actions, which inertial dynamics need"
-            )
+            raise ValueError(f"condition {shields[0]}: the shield judges no continuous actions, which the flights take")
 
     def _check_repeated(self) -> None:
         """Raise `ValueError` for anything that is named twice: its results would count twice.
@@ -308,7 +309,12 @@ class Suite:
     @property
     def rules(self) -> EnvConfig:
         """Rules of training and flights; raises `ConfigError` for what does not go together."""
-        return self.forces.applied(EnvConfig(task=self.task, hard=self.hard))
+        return self.forces.applied(EnvConfig(task=self.task, hard=self.hard, action=self.views.action))
+
+    @property
+    def training_rules(self) -> EnvConfig:
+        """Rules of training, with what is seen in it; raises `ConfigError` for what does not go together."""
+        return self.views.in_training(self.rules)
 
     def function(self, label: str) -> Function:
         """Return the function with a label."""
@@ -358,9 +364,10 @@ class Suite:
         filmed, which changes no result."""
         conditions = [condition.as_data() for condition in self.conditions]
         usual = {"observation": "frames", "encoder": "default", "world_seeds": [], "film": self.film}
-        usual |= {"task": "River", "hard": False, "forces": {}}
+        usual |= {"task": "River", "hard": False, "forces": {}, "views": {}}
         functions = {"policies": [each.as_data() for each in self.policies]} if self.policies else {}
-        data = _without(to_plain(self) | {"forces": self.forces.as_data()}, **usual) | _rivers(self.world_seeds)
+        chosen = {"forces": self.forces.as_data(), "views": self.views.as_data()}
+        data = _without(to_plain(self) | chosen, **usual) | _rivers(self.world_seeds)
         del data["policies"]
         return data | functions | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
 

@@ -13,6 +13,7 @@ from pydantic import model_validator
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import NAME
+from thalweg.bench.suite.views import views_in_words
 from thalweg.core.config import TupleOf, frozen_config, parse_config
 from thalweg.env.tasks import PAPER_TASK
 
@@ -86,6 +87,7 @@ class SuiteRecord:
     task: str = PAPER_TASK
     hard: bool = False
     forces: Mapping[str, Any] = field(default_factory=dict)
+    views: Mapping[str, Any] = field(default_factory=dict)
     encoder: str = "default"
     policies: TupleOf[FunctionRecord] = ()
 
@@ -156,6 +158,12 @@ def has_papers_rules(record: Mapping[str, Any]) -> bool:
 
 
 def rules_in_words(record: Mapping[str, Any]) -> str:
+    """Return sentences about the rules of a suite's record and what was seen in training; empty for the paper's rules
+    and the levels' camera."""
+    return " ".join(filter(None, (_task_in_words(record), views_in_words(dict(record.get("views", {}))))))
+
+
+def _task_in_words(record: Mapping[str, Any]) -> str:
     """Return a sentence about the rules of a suite's record; empty for those of the paper."""
     if has_papers_rules(record):
         return ""

@@ -1,11 +1,13 @@
 """Device names for worlds, frames, rules and learners: the CPU or an NVIDIA GPU.
 
 Names are those of PyTorch ("cpu", "cuda", "cuda:1") and "auto", which is the first GPU if it is usable, else the CPU. A
-GPU needs a PyTorch that was built for CUDA, the package numba-cuda (thalweg[cuda]) and a compute capability of at least
+GPU needs a PyTorch that was built for CUDA, the package numba-cuda (extra [cuda]) and a compute capability of at least
 `MIN_COMPUTE_CAPABILITY`. CUDA is imported only when a GPU is asked for, and PyTorch not for the CPU.
 """
 
 import importlib.util
+
+from thalweg.core.extras import how_to_install
 
 MIN_COMPUTE_CAPABILITY = (7, 5)
 """Turing and later."""
@@ -52,5 +54,5 @@ def cuda_unavailable_reason(index: int = 0) -> str:
         found, needed = (".".join(map(str, pair)) for pair in (capability, MIN_COMPUTE_CAPABILITY))
         return f"{torch.cuda.get_device_name(index)} has compute capability {found}; Thalweg needs {needed} or more"
     if importlib.util.find_spec("numba_cuda") is None:
-        return "the package numba-cuda is missing: pip install 'thalweg[cuda]'"
+        return f"the package numba-cuda is missing: {how_to_install('cuda')}"
     return ""

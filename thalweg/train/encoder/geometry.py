@@ -35,6 +35,7 @@ from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.encoder.targets import mirrored_targets, shown_of, targets_of, weights_of
 from thalweg.train.encoder.views import TARGETS, KnownViews, draw_views, flight_views, start_views
 from thalweg.train.flip import flipped
+from thalweg.train.river import banks_version
 from thalweg.world import level_named
 
 CHUNK = 1024
@@ -222,6 +223,7 @@ class GeometryTraining:
         return {
             **({} if self._of_paper else seen),
             "levels": [level_named(level).name for level in self.levels],
+            **banks_version(map(level_named, self.levels)),
             "world_seeds": compact_seeds(self.seeds),
             "held_out_seeds": compact_seeds(self.judged_seeds),
             "views": self.views,

@@ -27,6 +27,7 @@ from thalweg.encoder.water import WaterSegmenter, colours_of, mean_iou, save_seg
 from thalweg.render import RENDER_VERSION, Renderer
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.encoder.frames import BATCH, clock_times, sample_poses
+from thalweg.train.river import banks_version
 from thalweg.world import level_named, load_or_build
 
 KIND, PREFIX, CHECKPOINT, FILE = "water training", "network.", "checkpoint.safetensors", "water.safetensors"
@@ -130,6 +131,7 @@ class WaterTraining:
         """Return what distinguishes the training from others."""
         return {
             "levels": [level_named(level).name for level in self.levels],
+            **banks_version(map(level_named, self.levels)),
             "world_seeds": compact_seeds(self.world_seeds),
             "held_out_seeds": compact_seeds(self.held_out_seeds),
             "images": self.images,

@@ -1,6 +1,6 @@
 """Recording of flights for data sets: images through a camera, moves, rewards, costs and poses."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -8,7 +8,8 @@ import numpy as np
 
 from thalweg.bench.evaluate.episodes import ALL_REASONS
 from thalweg.core import versions
-from thalweg.datasets.episode import LAYERS, About, Layer, RecordedEpisode
+from thalweg.datasets.episode import LAYERS, About, Layer
+from thalweg.datasets.steps import FlightWriter, Sight, Step
 from thalweg.env import RiverVectorEnv
 from thalweg.env.frame_renderer import FrameRenderer
 from thalweg.env.spaces import to_unit_actions
@@ -47,60 +48,54 @@ class Observer:
             layers=self.layers,
         )
 
-    def see(self, flight: Flight) -> dict[str, np.ndarray]:
-        """Return colours [H, W, 3] and layers [H, W] of the current state by name, types as in `RecordedEpisode`."""
+    def see(self, flight: Flight) -> Sight:
+        """Return the colours, the layers and what is measured in the current state."""
         names: Any = ["rgb", *(FIELDS[layer] for layer in self.layers)]
         frame: Any = self._frames.render_layers(flight.views(), names, flight.env.props())
-        seen = {layer: getattr(frame, FIELDS[layer])[0] for layer in ("rgb", *self.layers)}
-        if "mask" in seen:
-            seen["mask"] = seen["mask"].astype(np.uint8) * 255
-        return seen
+        images = {layer: getattr(frame, FIELDS[layer])[0] for layer in ("rgb", *self.layers)}
+        if "mask" in images:
+            images["mask"] = images["mask"].astype(np.uint8) * 255
+        felt = flight.env.observe()["proprioception"][0].copy()
+        return Sight(images, felt, flight.poses[-1], flight.times_s[-1])
 
     def record(
-        self, cockpit: Cockpit, most_steps: int | None = None, on_step: Callable[[], Any] | None = None
-    ) -> RecordedEpisode:
-        """Fly the flight of a cockpit until it ends, its saved actions are used up, or `most_steps` are flown.
+        self,
+        cockpit: Cockpit,
+        writer: FlightWriter,
+        most_steps: int | None = None,
+        pilots: Sequence[str] | None = None,
+    ) -> int:
+        """Fly the flight of a cockpit, write each step, and return the number of steps.
 
-        `on_step` is called after each step. Raises `ViewerError` if there is no flight or no step, and the errors of
-        the policy or pilot.
+        The flight goes on until it ends, its saved actions are used up, or `most_steps` are flown. `pilots`: who flew
+        each step; by default who flies. Raises `ViewerError` if there is no flight or no step, and the errors of the
+        policy or pilot and of the writer.
         """
         flight = cockpit.flight
         if flight is None:
             raise ViewerError("there is no flight: start one first")
-        seen, felt = [self.see(flight)], [flight.env.observe()["proprioception"][0].copy()]
-        goes_on = True
+        writer.see(self.see(flight))
+        goes_on, written = True, 0
         while goes_on and flight.steps != most_steps:
             goes_on = cockpit.advance(1)
-            if flight.steps >= len(seen):
-                seen.append(self.see(flight))
-                felt.append(flight.env.observe()["proprioception"][0].copy())
-                if on_step is not None:
-                    on_step()
+            if flight.steps > written:
+                writer.step(_last_step(flight, pilots), self.see(flight))
+                written += 1
         if not flight.steps:
             raise ViewerError("nothing has been flown: there is nothing to record")
-        layers = {name: np.stack([each.pop(name) for each in seen]) for name in tuple(seen[0])}  # frees each in turn
-        return _episode(flight, layers, np.stack(felt))
+        writer.end(flight.terminated, flight.reason)
+        return flight.steps
 
 
-def _episode(flight: Flight, layers: dict[str, np.ndarray], felt: np.ndarray) -> RecordedEpisode:
-    """Return the record of a flight, with layers [T + 1, H, W, ...] by name and proprioception `felt` [T + 1, P]."""
-    config, actions = flight.env.config, np.stack(flight.actions)
-    units = to_unit_actions(config.action, actions, len(actions), config.fast_ratio)
-    return RecordedEpisode(
-        rgb=layers["rgb"],
-        mask=layers.get("mask"),
-        depth_m=layers.get("depth"),
-        class_id=layers.get("class"),
-        proprioception=felt,
-        poses=np.stack(flight.poses),
-        times_s=np.array(flight.times_s),
-        moves=units.astype(np.float32),
-        options=actions.astype(np.int64) if config.action == "multidiscrete" else None,
-        rewards=np.array(flight.rewards),
-        costs=np.stack(flight.costs),
-        terminated=flight.terminated,
-        reason=flight.reason,
-        pilots=tuple(flight.pilots),
-        task=flight.options.task,
-        options_of_flight={**asdict(flight.options), "world_seed": flight.world.seed},
-    )
+def options_of(flight: Flight) -> dict[str, Any]:
+    """Return the options of a flight as plain data, with the seed of its river."""
+    return {**asdict(flight.options), "world_seed": flight.world.seed}
+
+
+def _last_step(flight: Flight, pilots: Sequence[str] | None) -> Step:
+    """Return the last step of a flight; `pilots` as in `Observer.record`."""
+    config, action = flight.env.config, flight.actions[-1]
+    move = to_unit_actions(config.action, action[None], 1, config.fast_ratio)[0].astype(np.float32)
+    option = action.astype(np.int64) if config.action == "multidiscrete" else None
+    pilot = flight.pilots[-1] if pilots is None else pilots[flight.steps - 1]
+    return Step(move, option, flight.rewards[-1], flight.costs[-1], pilot)

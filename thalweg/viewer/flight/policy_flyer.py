@@ -13,16 +13,17 @@ from thalweg.env.pilot.in_rivers import PILOTS
 from thalweg.env.spaces import CHANNELS, from_unit_actions
 from thalweg.render import Camera
 from thalweg.train.encoder_of_run import encoder_of
-from thalweg.train.observations import check_policy_fits, feels, observation_of
+from thalweg.train.errors import TrainingError
+from thalweg.train.observations import action_of, camera_of, check_policy_fits, feels, observation_of
 from thalweg.train.river import load_compatible_encoder
 from thalweg.viewer.flight.flight import Flight
 
 
 class Eye:
-    """Draws frames for policies: of a flight's river and look, in the size and quality that policies are trained on."""
+    """Draws frames for policies: of a flight's river and look, by the camera that a policy was trained with."""
 
-    def __init__(self, flight: Flight, size_px: int) -> None:
-        camera = Camera(height_px=size_px, width_px=size_px)
+    def __init__(self, flight: Flight, camera: Camera) -> None:
+        self.camera = camera
         self.env = flight.env
         config = replace(flight.env.config, camera=camera, quality="full")
         self._frames = FrameRenderer(flight.env.worlds, 1, config)
@@ -48,11 +49,17 @@ class PolicyFlyer:
         self._encoder: Encoder | None = None
         if self._sees == "frames":
             self._encoder = load_compatible_encoder(encoder_of(policy))
-        check_policy_fits(policy, self._encoder, task=options.task, vehicle=options.vehicle)
+        check_policy_fits(policy, self._encoder, task=options.task, vehicle=options.vehicle, action=action_of(policy))
+        self._numbers = action_of(policy) == "continuous"
+        if self._numbers and flight.env.config.action != "continuous":
+            raise TrainingError(
+                "the policy has continuous actions, but those of the flight are discrete: fly with continuous ones"
+            )
         self._feels = feels(policy)
         self._channels = self._channels_seen()
-        size_px = Camera().height_px if self._encoder is None else self._encoder.config.size_px
-        self.eye = eye if eye is not None and eye.env is flight.env else Eye(flight, size_px)
+        camera = camera_of(policy, self._encoder)
+        serves = eye is not None and eye.env is flight.env and eye.camera == camera
+        self.eye = eye if eye is not None and serves else Eye(flight, camera)
         self._play = player_of(policy, torch.Generator().manual_seed(options.seed))
         self._fresh = True
         self.seen: np.ndarray | None = None
@@ -63,7 +70,7 @@ class PolicyFlyer:
         """Return the policy's action in the current state, in the flight's action space."""
         options = self._play(self._observed(flight), np.array([self._fresh]))
         self._fresh = False
-        return self._in_space(np.asarray(options), flight)[0]
+        return np.asarray(options)[0] if self._numbers else self._in_space(np.asarray(options), flight)[0]
 
     def _channels_seen(self) -> int:
         if self._sees == "images":

@@ -86,10 +86,16 @@ def _reach(stretch: Stretch, origin_deg: np.ndarray, river: River) -> BankReach 
     if river.closed:
         if end - start > river.length_m - SNAP_M:
             return BankReach(stretch.kind, side=side)
-        start, end = (round(value % river.length_m, 3) for value in (start, end))
-        return BankReach(stretch.kind, start, end, side)
-    start = 0.0 if start < SNAP_M else round(start, 3)
-    return BankReach(stretch.kind, start, None if end > river.length_m - SNAP_M else round(end, 3), side)
+        start, end = (_on_loop(value, river.length_m) for value in (start, end))
+        return BankReach(stretch.kind, start, end or None, side)
+    start = 0.0 if start < SNAP_M else start
+    return BankReach(stretch.kind, start, None if end > river.length_m - SNAP_M else end, side)
+
+
+def _on_loop(arc_m: float, length_m: float) -> float:
+    """Return an arc length from 0 to below that of a loop, in millimetres: rounding may not lead past its end."""
+    arc = round(arc_m % length_m, 3)
+    return arc if arc < length_m - 1e-3 else 0.0
 
 
 def _along(places: np.ndarray, river: River) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -46,6 +46,11 @@ class Reach(Selection):
         """Return what was joined, turned, measured or left out of the file, as sentences; raises as `check`."""
         return plan_file(self.path, self).notes
 
+    @property
+    def has_banks(self) -> bool:
+        """Whether some bank is not forest, by `banks` or by what the file says; raises as `check`."""
+        return bool(plan_file(self.path, self).banks)
+
     def as_data(self) -> dict[str, Any]:
         """Return plain data that identifies the reach; the file counts by name and content, not by its folder.
 

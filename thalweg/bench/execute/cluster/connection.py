@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from thalweg.bench.csv_files import ResultsError
+from thalweg.core.extras import how_to_install
 
 CONNECT_S, ANSWER_S = 5.0, 45.0
 """Time limits for reaching the head of a cluster, and for its answer."""
@@ -49,7 +50,7 @@ def check_address(address: str) -> None:
 def check_ray() -> None:
     """Raise `ResultsError` if Ray is not installed. Ray is not imported: it reads its environment when it is."""
     if importlib.util.find_spec("ray") is None:
-        raise ResultsError("--cluster needs Ray: pip install 'thalweg[cluster]'")
+        raise ResultsError(f"--cluster needs Ray: {how_to_install('cluster')}")
 
 
 @contextmanager

@@ -4,6 +4,7 @@ import importlib
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from thalweg.core.extras import how_to_install
 from thalweg.world.errors import WorldError
 
 LIBRARIES = ("shapely", "pyproj", "gpxpy", "defusedxml")
@@ -16,7 +17,7 @@ def need(module: str, purpose: str) -> Any:
         return importlib.import_module(module)
     except ImportError:
         library = module.partition(".")[0]
-        raise WorldError(f"{purpose} needs {library}, which is not installed: pip install 'thalweg[geo]'") from None
+        raise WorldError(f"{purpose} needs {library}, which is not installed: {how_to_install('geo')}") from None
 
 
 def installed_versions() -> tuple[str, ...]:

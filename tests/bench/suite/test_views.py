@@ -1,0 +1,81 @@
+"""Tests of suites whose policies see other cameras, looks and qualities in training, and of their actions."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.execute import backend
+from thalweg.bench.execute.backend import RiverBackend
+from thalweg.bench.execute.runner import claim
+from thalweg.bench.suite.builtin import load_suite
+from thalweg.bench.suite.config import Arm, Suite
+from thalweg.bench.suite.record import read_suite, rules_in_words
+from thalweg.bench.suite.views import TrainingViews
+from thalweg.cli.bench import Rules
+from thalweg.cli.views import TrainedViews
+from thalweg.env import EnvConfig
+from thalweg.render import Camera, Randomisation
+
+OWN = Suite("own", (Arm("PPO"),), packaged=False)
+WIDE = """
+name: wide
+arms: [{algorithm: PPO}]
+packaged: false
+views: {camera: {fov_deg: 75}, quality: fast, randomise: true}
+"""
+
+
+def test_a_file_says_what_is_seen_in_training_and_flights_are_drawn_as_ever(tmp_path: Path):
+    (tmp_path / "wide.yaml").write_text(WIDE)
+    suite = load_suite(str(tmp_path / "wide.yaml"))
+    assert suite.views == TrainingViews(Camera(fov_deg=75.0), "fast", True)
+    learnt = EnvConfig(camera=Camera(fov_deg=75.0), quality="fast", randomisation=True)  # pyright: ignore
+    assert suite.training_rules == learnt and learnt.randomisation == Randomisation()
+    assert RiverBackend(suite).config(suite.trials(suite.runs()[0])[0]).env == EnvConfig(observation="none")
+    claim(tmp_path / "results", suite)
+    record = read_suite(tmp_path / "results")
+    assert record["views"]["quality"] == "fast"
+    assert rules_in_words(record) == (
+        "Policies were trained with a camera of 128 x 128 pixels and 75 degrees, varied looks, fast frames."
+    )
+    claim(tmp_path / "results", suite)  # which is resumed
+    with pytest.raises(ResultsError, match="views"):
+        claim(tmp_path / "results", OWN)
+
+
+def test_suites_of_the_levels_views_are_written_as_before():
+    assert "views" not in OWN.as_data() and rules_in_words(OWN.as_data()) == ""
+    assert OWN.training_rules == OWN.rules == EnvConfig()
+
+
+def test_continuous_actions_are_those_of_training_and_flights():
+    suite = replace(OWN, views=TrainingViews(action="continuous"))
+    assert suite.rules.action == suite.training_rules.action == "continuous"
+    with pytest.raises(ResultsError, match="the packaged policy has no continuous actions"):
+        replace(suite, packaged=True)
+
+
+def test_policies_are_trained_with_what_the_suite_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    suite = replace(OWN, observation="privileged", views=TrainingViews(action="continuous"))
+    trained: list[Any] = []
+
+    class Training:
+        def __init__(self, *given: Any) -> None:
+            trained.append(given[-1])
+
+        def train(self, *_: Any, **__: Any) -> None: ...
+
+    monkeypatch.setattr(backend, "RiverTraining", Training)
+    run = next(run for run in suite.runs() if run.kind == "train")
+    RiverBackend(suite).train(run, tmp_path)
+    assert trained == [suite.training_rules]
+
+
+def test_options_of_the_command_replace_what_they_name():
+    suite = replace(OWN, views=TrainingViews(quality="fast", action="continuous"))
+    asked = Rules(views=TrainedViews(camera=("pitch_deg=30",), randomise=True)).of(suite)
+    assert asked.views == TrainingViews(Camera(pitch_deg=30.0), "fast", True, "continuous")
+    assert Rules().of(suite) == suite

@@ -1,0 +1,170 @@
+"""Tests of recordings that are interrupted, and of the memory that a flight takes while it is recorded."""
+
+import signal
+import subprocess
+import sys
+import weakref
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.datasets.episodes import ABOUT, SIZE, assert_same, flight
+from thalweg.datasets.draft import draft_folder, finished_flights
+from thalweg.datasets.errors import DatasetError
+from thalweg.datasets.lerobot_flight import BLOCK
+from thalweg.datasets.recordings import add_flight, read_recordings, recording
+from thalweg.datasets.steps import DataSetWriter, FlightWriter, Sight, Step, write_flight
+
+ROOT = Path(__file__).resolve().parents[2]
+FLIGHTS = [flight(3), flight(2 * BLOCK + 5, seed=1), flight(BLOCK, seed=2, ended=False)]
+FORMATS: list[tuple[Any, bool]] = [("lerobot", False), ("lerobot", True), ("minari", False)]
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from tests.datasets.episodes import ABOUT, flight
+from tests.datasets.test_draft import FLIGHTS
+from thalweg.datasets.recordings import add_flight, recording
+from thalweg.datasets.steps import write_flight
+
+class Killed:
+    def __init__(self, writer):
+        self.writer, self.see, self.end, self.steps = writer, writer.see, writer.end, 0
+    def step(self, step, after):
+        self.writer.step(step, after)
+        self.steps += 1
+        if self.steps == {after}:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+with recording(Path(sys.argv[1]), {form!r}, ABOUT, video={video}) as writer:
+    add_flight(writer, FLIGHTS[0])
+    with writer.flight("River", {{}}) as second:
+        write_flight(Killed(second), FLIGHTS[1])
+"""
+
+
+def killed(path: Path, form: str, video: bool, after: int) -> None:
+    """Record a flight, and kill the process in the midst of the second one."""
+    code = KILLED.format(form=form, video=video, after=after)
+    ended = subprocess.run([sys.executable, "-c", code, str(path)], cwd=ROOT, capture_output=True, text=True)
+    assert ended.returncode == -signal.SIGKILL, ended.stderr
+
+
+def assert_holds_all(path: Path, video: bool) -> None:
+    """Assert that a data set holds `FLIGHTS`, and nothing of its draft."""
+    found = list(read_recordings(path)[1])
+    for one, wanted in zip(found, FLIGHTS, strict=True):
+        if video:
+            one = replace(one, rgb=wanted.rgb)  # lossy
+        assert_same(one, wanted, frames=wanted.steps)
+    assert [each.name for each in path.parent.iterdir()] == [path.name]
+    assert not any(each.name.startswith((".", "journal", "recording.json")) for each in path.rglob("*"))
+
+
+@pytest.mark.parametrize(("form", "video"), FORMATS)
+def test_a_killed_recording_keeps_what_it_has_finished_and_resumes(form: Any, video: bool, tmp_path: Path):
+    path = tmp_path / "flights"
+    killed(path, form, video, after=BLOCK + 7)
+    assert not path.exists() and [each["steps"] for each in finished_flights(path)] == [3]
+    assert list(draft_folder(path).rglob(".*.part*"))  # what was begun is there too
+    with recording(path, form, ABOUT, video=video) as writer:
+        assert writer.finished == 1
+        for episode in FLIGHTS[1:]:
+            add_flight(writer, episode)
+    assert_holds_all(path, video)
+
+
+@pytest.mark.parametrize("form", ["lerobot", "minari"])
+def test_a_recording_that_fails_when_all_is_flown_is_finished_by_the_same_command(
+    form: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    path = tmp_path / "flights"
+    with pytest.raises(RuntimeError, match="the power is off"), recording(path, form, ABOUT) as writer:
+        for episode in FLIGHTS:
+            add_flight(writer, episode)
+        close = writer.close
+        monkeypatch.setattr(writer, "close", lambda: (close(), fail()))
+    with recording(path, form, ABOUT) as writer:
+        assert writer.finished == len(FLIGHTS)
+    assert_holds_all(path, video=False)
+
+
+def fail(*_: Any, **__: Any) -> None:
+    raise RuntimeError("the power is off")
+
+
+@pytest.mark.parametrize("form", ["lerobot", "minari"])
+def test_a_recording_without_a_finished_flight_leaves_nothing(form: Any, tmp_path: Path):
+    with (
+        pytest.raises(RuntimeError),
+        recording(tmp_path / "flights", form, ABOUT) as writer,
+        writer.flight("River", {}) as begun,
+    ):
+        write_flight(Stopped(begun), FLIGHTS[1])
+    assert list(tmp_path.iterdir()) == []
+
+
+class Stopped:
+    """A writer that fails after a block of steps."""
+
+    def __init__(self, writer: FlightWriter) -> None:
+        self.see, self.end, self._step, self._count = writer.see, writer.end, writer.step, 0
+
+    def step(self, step: Step, after: Sight) -> None:
+        self._step(step, after)
+        self._count += 1
+        if self._count > BLOCK:
+            fail()
+
+
+def test_an_interrupted_recording_of_other_options_is_refused_by_their_names(tmp_path: Path):
+    path = tmp_path / "flights"
+    with pytest.raises(RuntimeError), recording(path, "minari", ABOUT, options={"seed": 3}) as writer:
+        add_flight(writer, FLIGHTS[0])
+        fail()
+    told = r"\.flights\.part has flights of .* other options: .*options\.seed is 3 there and 4 here.*remove that folder"
+    with pytest.raises(DatasetError, match=told), recording(path, "lerobot", ABOUT, options={"seed": 4}):
+        pass
+    assert [each["steps"] for each in finished_flights(path)] == [3]
+
+
+def test_two_commands_do_not_record_to_one_folder(tmp_path: Path):
+    path = tmp_path / "flights"
+    with recording(path, "lerobot", ABOUT) as writer:
+        with pytest.raises(DatasetError, match="another command is writing to"), recording(path, "lerobot", ABOUT):
+            pass
+        add_flight(writer, FLIGHTS[0])
+    assert len(list(read_recordings(path)[1])) == 1
+
+
+@pytest.mark.parametrize(("form", "video"), FORMATS)
+def test_the_images_in_memory_do_not_grow_with_the_flight(form: Any, video: bool, tmp_path: Path):
+    living: list[weakref.ref[np.ndarray]] = []
+
+    def sights() -> Iterator[Sight]:
+        for t in range(4 * BLOCK):
+            images = {"rgb": np.full((*SIZE, 3), t, np.uint8), "mask": np.zeros(SIZE, np.uint8)}
+            living.append(weakref.ref(images["rgb"]))
+            yield Sight(images, np.zeros(2, np.float32), np.zeros(4), float(t))
+
+    most = 0
+    with recording(tmp_path / "flights", form, replace(ABOUT, layers=("mask",)), video=video) as writer:
+        most = flown(writer, sights(), living)
+    assert most <= BLOCK + 3
+
+
+def flown(writer: DataSetWriter, sights: Iterator[Sight], living: list["weakref.ref[np.ndarray]"]) -> int:
+    """Write a flight of these sights, and return the greatest number of images that were alive at once."""
+    most = 0
+    move, option = np.zeros(4, np.float32), np.ones(4, np.int64)
+    with writer.flight("River", {}) as written:
+        written.see(next(sights))
+        for sight in sights:
+            written.step(Step(move, option, 0.0, np.zeros(2), "pilot"), sight)
+            del sight
+            most = max(most, sum(each() is not None for each in living))
+        written.end(False, -1)
+    return most

@@ -1,0 +1,113 @@
+"""Drafts of data sets: folders that take their name when all flights are written, and from which an interrupted
+command resumes.
+
+A draft is a hidden folder beside the data set. Each finished flight has a record in it, which is written last and at
+once, so that a command that was killed at any moment has lost no flight that it had finished.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from thalweg.core.atomic_io import disk_errors_name, write_atomic
+from thalweg.core.run_folder import LOCK, FolderKind, differences
+from thalweg.datasets.errors import DatasetError
+
+RECORDING = FolderKind("recording", "recording.json", DatasetError, ignores_hidden=True)
+JOURNAL = "journal"
+"""Folder of a draft, of the records of finished flights, and of files that the data set does not need."""
+MAX_NAMED = 4
+"""Maximum number of differences that a message names."""
+
+
+class Draft:
+    """The folder in which a data set is written, and its journal."""
+
+    def __init__(self, folder: Path, name: Path) -> None:
+        """`name` is the folder that errors name, which `folder` becomes."""
+        self.folder, self.name = folder, name
+        self.records: list[dict[str, Any]] = finished_flights(name)
+        """What was noted of each finished flight, in their order."""
+
+    def note(self, record: dict[str, Any]) -> None:
+        """Count a flight, all files of which are written, as finished; `record` is plain data."""
+        write_atomic(self.folder / JOURNAL / f"{len(self.records):06d}.json", json.dumps(record))
+        self.records.append(record)
+
+
+def draft_folder(path: Path) -> Path:
+    """Return the folder in which the data set of `path` is written."""
+    return path.with_name(f".{path.name}.part")
+
+
+def finished_flights(path: Path) -> list[dict[str, Any]]:
+    """Return what was noted of the flights that an interrupted recording of `path` has finished."""
+    journal = draft_folder(path) / JOURNAL
+    return [json.loads(file.read_text(encoding="utf-8")) for file in sorted(journal.glob("*.json"))]
+
+
+def check_new(path: Path) -> None:
+    """Raise `DatasetError` unless `path` is free or an empty folder."""
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise DatasetError(f"{path} is there already: name a new folder for the recordings")
+
+
+@contextmanager
+def draft_of(path: Path, about: Mapping[str, Any]) -> Iterator[Draft]:
+    """Yield the draft of a data set, with the flights that an interrupted recording of the same finished.
+
+    When the block ends without an error, the draft becomes `path`. Otherwise it stays if a flight is finished, and is
+    removed if none is. `about` is plain data that says what is recorded.
+
+    Raises `DatasetError` unless `path` is free or an empty folder, and for a draft of another recording or one to
+    which another command writes; `OSError`, with the name of `path`, for a disk that takes no more.
+    """
+    check_new(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    folder = draft_folder(path)
+    try:
+        with RECORDING.locked(folder), disk_errors_name(path):
+            _begin(folder, json.loads(json.dumps(about)))
+            try:
+                yield Draft(folder, path)
+            except BaseException:
+                if not finished_flights(path):
+                    _remove_all_but_lock(folder)
+                raise
+    except BaseException:
+        with suppress(OSError):  # where flights are finished, it is not empty
+            folder.rmdir()
+        raise
+    if path.exists():
+        path.rmdir()
+    os.replace(folder, path)
+    shutil.rmtree(path / JOURNAL, ignore_errors=True)  # not before: a command that is killed here has lost nothing
+    (path / RECORDING.record).unlink()
+
+
+def _begin(folder: Path, about: dict[str, Any]) -> None:
+    """Write the record of a new draft; check that an interrupted one is the same, and remove its unfinished files."""
+    if RECORDING.is_new(folder):
+        RECORDING.write_json(folder, about)
+        return
+    found = list(differences(json.loads((folder / RECORDING.record).read_text(encoding="utf-8")), about))
+    if found:
+        raise DatasetError(
+            f"{folder} has flights of an interrupted recording with other options: {'; '.join(found[:MAX_NAMED])}."
+            " Give those options to resume it, remove that folder, or name another one for the recordings"
+        )
+    for unfinished in folder.rglob(".*.part*"):
+        unfinished.unlink(missing_ok=True)
+
+
+def _remove_all_but_lock(folder: Path) -> None:
+    """Remove what a draft without flights holds."""
+    for entry in folder.iterdir():
+        if entry.is_dir():
+            shutil.rmtree(entry, ignore_errors=True)
+        elif entry.name != LOCK:
+            entry.unlink(missing_ok=True)

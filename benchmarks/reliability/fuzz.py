@@ -25,7 +25,8 @@ from pathlib import Path
 from random import Random
 from types import FrameType
 
-from fuzz_kinds import KINDS, Kind, UnsoundError, check_sound
+from fuzz_kinds import KINDS
+from kind import Kind, UnsoundError, check_sound
 from pieces import Pieces
 
 HERE = Path(__file__).resolve().parent

@@ -1,32 +1,35 @@
 """The kinds of files that are fuzzed: valid samples, their mutation, their reader, and what a right answer is.
 
 A reader may raise the project's own errors with the file's name, or return a value that holds no number that is not
-finite. Samples are files that the package wrote, or short ones in the formats that others write.
+finite. Samples are files that the package wrote, or short ones in the formats that others write. Kinds of runs in
+progress, of whole results and of recordings stand in modules of their own.
 """
 
 import json
 import sys
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable
 from pathlib import Path
-from random import Random
 from typing import Any
 
 import numpy as np
 import torch
 import yaml
+from kind import Kind, written
 from mutations import (
-    mutated_bytes,
     mutated_json,
     mutated_npz,
     mutated_safetensors,
     mutated_table,
-    mutated_tree,
     mutated_xml,
+    mutated_yaml,
 )
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(REPOSITORY))  # the files of earlier versions are part of the tests
+
+from recording_kinds import RECORDING_KINDS  # noqa: E402
+from result_kinds import RESULT_KINDS  # noqa: E402
+from run_kinds import RUN_KINDS  # noqa: E402
 
 from tests.env import handmade  # noqa: E402
 from tests.world.lines import circle, course  # noqa: E402
@@ -56,83 +59,6 @@ from thalweg.world.real.selection import Selection  # noqa: E402
 
 SAVED = REPOSITORY / "tests" / "saved_files" / "written_by_0_1_0"
 TINY = REPOSITORY / "tests" / "bench" / "tiny_results"
-OLDER = ("end_x", "end_y", "end_z", "ahead")
-"""Numbers that are NaN or None in a right answer: results of before they were recorded, and on loops."""
-
-
-class UnsoundError(Exception):
-    """An answer that holds a number that is not finite, or text that cannot be written."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of file."""
-
-    file: str
-    """Name under which it is read."""
-    samples: Callable[[Path], list[bytes]]
-    """Valid contents; the folder is for files that must be written first."""
-    mutate: Callable[[bytes, Random], bytes]
-    read: Callable[[Path], Any]
-    errors: tuple[type[Exception], ...]
-    """The project's own errors that a bad file may raise."""
-
-
-def check_sound(value: Any, where: str = "it") -> None:
-    """Raise `UnsoundError` for a value that holds a number that is not finite, or text that is not Unicode."""
-    for place, each in _leaves(value, where):
-        if isinstance(each, np.ndarray):
-            if each.dtype.kind in "fc" and not np.isfinite(each).all():
-                raise UnsoundError(f"{place} holds a number that is not finite")
-        elif isinstance(each, float | np.floating):
-            if not np.isfinite(each):
-                raise UnsoundError(f"{place} is {each}")
-        elif isinstance(each, str):
-            try:
-                each.encode()
-            except UnicodeEncodeError:
-                raise UnsoundError(f"{place} is text that cannot be written: {each!r}") from None
-
-
-def _leaves(value: Any, where: str) -> Iterator[tuple[str, Any]]:
-    rest = [(where, value)]
-    while rest:
-        place, each = rest.pop()
-        if isinstance(each, dict):
-            rest.extend((f"{place}.{key!s:.40}", part) for key, part in each.items())
-        elif isinstance(each, list | tuple):
-            rest.extend((f"{place}[{index}]", part) for index, part in enumerate(each))
-        elif is_dataclass(each) and not isinstance(each, type):
-            rest.extend(
-                (f"{place}.{field.name}", getattr(each, field.name))
-                for field in fields(each)
-                if field.name not in OLDER
-            )
-        else:
-            yield place, each
-
-
-def mutated_yaml(content: bytes, random: Random) -> bytes:
-    """Return YAML of a mutated tree, or with bytes mutated, or with anchors that refer to themselves or multiply."""
-    choice = random.random()
-    if choice < 0.4:
-        return mutated_bytes(content, random)
-    if choice < 0.45:
-        laughs = ["a: &a [x, x, x, x, x, x, x, x, x]"]
-        laughs += [f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]" for a, b in zip("abcdefgh", "bcdefghi", strict=True)]
-        lines = random.choice((laughs, ["arms: &a", "- *a"], ["arms: &a {algorithm: *a}"], ["run: &a", "  b: *a"]))
-        return content + "\n".join(lines).encode()
-    tree = mutated_tree(yaml.safe_load(content), random, deep=False)
-    return yaml.safe_dump(tree, allow_unicode=False).encode("utf-8", "surrogatepass")
-
-
-def _written(folder: Path, file: str, write: Callable[[Path], object]) -> bytes:
-    write(folder / file)
-    content = (folder / file).read_bytes()
-    (folder / file).unlink()
-    return content
-
-
 LINE = [[7.0, 45.0, 10.0], [7.0005, 45.0001, 9.8], [7.001, 45.0, 9.7], [7.0015, 45.0003, 9.5], [7.002, 45.0, 9.0]]
 BANKS = [[[7.0, 44.9999], [7.002, 44.9999], [7.002, 45.0001], [7.0, 45.0001], [7.0, 44.9999]]]
 ISLE = [[[7.0010, 44.99999], [7.00105, 44.99999], [7.00105, 45.00001], [7.0010, 45.00001], [7.0010, 44.99999]]]
@@ -219,7 +145,7 @@ def _suites(folder: Path) -> list[bytes]:
 
 def _worlds(folder: Path) -> list[bytes]:
     loop = World.from_centerline(course(circle(10.0, 24), 4.0), plants=False, seed=4)
-    return [(SAVED / "world.npz").read_bytes(), _written(folder, "a.npz", loop.save)]
+    return [(SAVED / "world.npz").read_bytes(), written(folder, "a.npz", loop.save)]
 
 
 def _encoders(folder: Path) -> list[bytes]:
@@ -228,8 +154,8 @@ def _encoders(folder: Path) -> list[bytes]:
     network = GeometryNetwork(GeometryConfig(targets=("height", "bank"), latent=2, hidden=8, size_px=64)).eval()
     about = {"render_version": 1, "images": 10}
     return [
-        _written(folder, "a.safetensors", lambda path: save_vae(path, vae, about)),
-        _written(folder, "a.safetensors", lambda path: save_geometry(path, network, about)),
+        written(folder, "a.safetensors", lambda path: save_vae(path, vae, about)),
+        written(folder, "a.safetensors", lambda path: save_geometry(path, network, about)),
     ]
 
 
@@ -272,7 +198,7 @@ def _flights(folder: Path) -> list[bytes]:
             ahead=float("nan"),
             world=1,
         )
-        found.append(_written(folder, "a.npz", lambda path, flight=flight: write_recording(path, flight)))
+        found.append(written(folder, "a.npz", lambda path, flight=flight: write_recording(path, flight)))
     return found
 
 
@@ -389,4 +315,5 @@ KINDS: dict[str, Kind] = {
         (ResultsError,),
     ),
 }
+KINDS |= RUN_KINDS | RESULT_KINDS | RECORDING_KINDS
 """Every kind, by its name in the table."""

@@ -16,6 +16,7 @@ from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
+import yaml
 
 TOKENS = (
     *(b"NaN", b"-1", b"0", b"1e999", b"-1e308", b"9" * 400, b"null", b"true", b"{}", b"[]", b"\x00", b"\xff", b'"'),
@@ -153,6 +154,20 @@ def mutated_json(content: bytes, random: Random) -> bytes:
     return text.encode("utf-8", "surrogatepass")
 
 
+def mutated_yaml(content: bytes, random: Random) -> bytes:
+    """Return YAML of a mutated tree, or with bytes mutated, or with anchors that refer to themselves or multiply."""
+    choice = random.random()
+    if choice < 0.4:
+        return mutated_bytes(content, random)
+    if choice < 0.45:
+        laughs = ["a: &a [x, x, x, x, x, x, x, x, x]"]
+        laughs += [f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]" for a, b in zip("abcdefgh", "bcdefghi", strict=True)]
+        lines = random.choice((laughs, ["arms: &a", "- *a"], ["arms: &a {algorithm: *a}"], ["run: &a", "  b: *a"]))
+        return content + "\n".join(lines).encode()
+    tree = mutated_tree(yaml.safe_load(content), random, deep=False)
+    return yaml.safe_dump(tree, allow_unicode=False).encode("utf-8", "surrogatepass")
+
+
 def dumped(value: Any) -> str:
     """Return a tree as JSON; one that is too deep for the module is written as brackets."""
     try:
@@ -160,6 +175,26 @@ def dumped(value: Any) -> str:
     except RecursionError:
         depth = 100_000
         return "[" * depth + "]" * depth
+
+
+def mutated_lines(content: bytes, random: Random) -> bytes:
+    """Return a text with one or two of its lines removed, repeated, swapped or cut, or with bytes mutated."""
+    if random.random() < 0.4:
+        return mutated_bytes(content, random)
+    lines = content.decode().splitlines()
+    for _ in range(random.choice((1, 1, 2))):
+        at = random.randrange(len(lines))
+        match random.randrange(4):
+            case 0:
+                del lines[at]
+            case 1:
+                lines.insert(random.randrange(len(lines)), lines[at])
+            case 2:
+                other = random.randrange(len(lines))
+                lines[at], lines[other] = lines[other], lines[at]
+            case _:
+                lines[at] = lines[at][: random.randrange(len(lines[at]) + 1)]
+    return ("\n".join(lines) + "\n").encode()
 
 
 def mutated_xml(content: bytes, random: Random) -> bytes:

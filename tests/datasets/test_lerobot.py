@@ -17,6 +17,7 @@ import pytest
 from PIL import Image
 
 from tests.datasets.episodes import ABOUT, SIZE, assert_same, flight, without
+from thalweg.datasets.episode import check_episode
 from thalweg.datasets.errors import DatasetError
 from thalweg.datasets.lerobot_statistics import PictureCounts
 from thalweg.datasets.recordings import add_flight, read_recordings, recording
@@ -234,3 +235,65 @@ def test_frames_that_make_no_video_are_refused(tmp_path: Path):
     ):
         add_flight(writer, odd)
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"end_state": [1.0]}, "end_state of flight 0 is"),
+        ({"end_pose": [0.0, 1.0, float("inf"), 0.0]}, "poses holds what is no finite number"),
+        ({"end_clock_s": "late"}, "end_clock_s of flight 0 is 'late'"),
+        ({"terminated": 1}, "terminated must be true or false, got 1"),
+        ({"options": [1]}, "task must be a name, and options a mapping"),
+        ({"options": {"seed": 1e999}}, "its options must be plain and finite"),
+    ],
+)
+def test_a_flight_whose_description_does_not_fit_is_refused(tmp_path: Path, change: dict, words: str):
+    folder = write(tmp_path / "flights")
+    path = folder / "meta/thalweg.json"
+    told = json.loads(path.read_text())
+    told["flights"][0] |= change
+    path.write_text(json.dumps(told))
+    with pytest.raises(DatasetError, match=words) as refused:
+        list(read_recordings(folder)[1])
+    assert str(folder) in str(refused.value)
+    told["flights"][0] = 3
+    path.write_text(json.dumps(told))
+    with pytest.raises(DatasetError, match="describes flight 0 by 3, not by a mapping"):
+        list(read_recordings(folder)[1])
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"fps": 0}, "fps is 0, but must be at least 1"),
+        ({"cost_kinds": ["tight", 2]}, "cost_kinds must be names, got 2"),
+        ({"layers": ["mask", "heat"]}, "layers must be among mask, depth, class, got 'heat'"),
+        ({"camera": {"fov_deg": float("nan")}}, "camera and versions must be plain data with finite numbers"),
+    ],
+)
+def test_a_data_set_that_is_not_described_is_refused(tmp_path: Path, change: dict, words: str):
+    folder = write(tmp_path / "flights")
+    path = folder / "meta/thalweg.json"
+    told = json.loads(path.read_text())
+    told["about"] |= change
+    path.write_text(json.dumps(told))
+    with pytest.raises(DatasetError, match=words):
+        read_recordings(folder)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"rewards": np.zeros(0)}, "it has no step"),
+        ({"moves": np.zeros((2, 4))}, r"moves has the shape \(2, 4\), not \(3, 4\)"),
+        ({"rgb": np.zeros((4, *SIZE, 3))}, "rgb are numbers of float64, not of uint8"),
+        ({"costs": np.full((3, 2), np.nan)}, "costs holds what is no finite number"),
+        ({"reason": 2}, "the reason for its end is 2; there are -1 to 1"),
+        ({"pilots": ("hand",)}, "pilots must be a name for each step"),
+    ],
+)
+def test_a_flight_whose_parts_do_not_fit_together_is_refused(changes: dict, words: str, tmp_path: Path):
+    check_episode(FLIGHTS[0], ABOUT, tmp_path)
+    with pytest.raises(DatasetError, match=words):
+        check_episode(replace(FLIGHTS[0], **changes), ABOUT, tmp_path)

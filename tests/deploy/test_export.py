@@ -19,7 +19,7 @@ from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.deploy import export
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.export import export_policy
-from thalweg.deploy.onnx_policy import OnnxPolicy
+from thalweg.deploy.onnx_policy import OnnxPolicy, about_error
 from thalweg.encoder import VAE, Encoder, VAEConfig, load_encoder, save_vae
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION
@@ -217,6 +217,22 @@ def test_another_file_is_refused(content: bytes, tmp_path: Path):
     path.write_bytes(content)
     with pytest.raises(ExportError, match="is no policy that thalweg export wrote"):
         OnnxPolicy.load(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"inputs": ["mask", "fresh"]}, "names the inputs .*, but its network takes"),
+        ({"inputs": 3}, "names the inputs 3"),
+        ({"memory": "long"}, "its memory is 'long', not a number"),
+        ({"actions": [1]}, r"its actions are \[1\], not a mapping"),
+    ],
+)
+def test_a_description_that_does_not_fit_the_network_is_refused(change: dict, words: str):
+    about = {"inputs": ["mask", "fresh", "last_action"], "memory": 0, "actions": {}}
+    assert about_error(about, ["mask", "last_action", "fresh"]) == ""
+    assert re.search(words, about_error(about | change, ["mask", "last_action", "fresh"]))
+    assert "lacks inputs" in about_error([about], [])
 
 
 def test_another_encoder_than_that_of_the_training_is_refused(tmp_path: Path):

@@ -71,8 +71,8 @@ class FolderKind:
         if recorded.get("file") == requested.get("file") and recorded.get("content") != requested.get("content"):
             raise self.error(
                 f"{requested['file']} has changed since the {self.owner} in {folder} was started: its content was"
-                f" {recorded['content']} and is {requested['content']} now. Restore the old file to resume, or choose"
-                " another folder."
+                f" {recorded.get('content')} and is {requested['content']} now. Restore the old file to resume, or"
+                " choose another folder."
             )
 
     @contextmanager

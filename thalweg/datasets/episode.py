@@ -3,6 +3,8 @@
 Letters: T steps, H, W pixels, P numbers of proprioception, K kinds of costs.
 """
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -49,9 +51,26 @@ class About:
         tuples = ("proprioception", "cost_kinds", "reasons", "classes", "layers")
         try:
             texts: dict[str, Any] = {name: tuple(told[name]) for name in tuples}
-            return cls(int(told["fps"]), dict(told["camera"]), versions=dict(told["versions"]), **texts)
-        except (KeyError, TypeError, ValueError) as error:
+            found = cls(int(told["fps"]), dict(told["camera"]), versions=dict(told["versions"]), **texts)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise DatasetError(f"{folder} does not say how it was recorded: {error!r}") from error
+        if wrong := found._error():
+            raise DatasetError(f"{folder} does not say how it was recorded: {wrong}")
+        return found
+
+    def _error(self) -> str:
+        """Return what is wrong with the description; empty for nothing."""
+        if self.fps < 1:
+            return f"fps is {self.fps}, but must be at least 1"
+        for name in ("proprioception", "cost_kinds", "reasons", "classes", "layers"):
+            for text in getattr(self, name):
+                if not isinstance(text, str) or text != text.encode("utf-8", "replace").decode():
+                    return f"{name} must be names, got {text!r:.40}"
+        if unknown := [name for name in self.layers if name not in LAYERS]:
+            return f"layers must be among {', '.join(LAYERS)}, got {unknown[0]!r:.40}"
+        if not is_plain((self.camera, self.versions)):
+            return "camera and versions must be plain data with finite numbers"
+        return ""
 
 
 @dataclass(frozen=True)
@@ -109,6 +128,68 @@ class RecordedEpisode:
     def layer(self, name: Layer) -> np.ndarray | None:
         """Return a layer [T + 1, H, W], see the fields; None if it was not recorded."""
         return {"mask": self.mask, "depth": self.depth_m, "class": self.class_id}[name]
+
+
+def is_plain(value: Any) -> bool:
+    """Return whether a value is plain data whose numbers are finite and whose texts can be written."""
+    if isinstance(value, Mapping):
+        return all(isinstance(key, str) and is_plain(key) and is_plain(each) for key, each in value.items())
+    if isinstance(value, list | tuple):
+        return all(map(is_plain, value))
+    if isinstance(value, str):
+        return value == value.encode("utf-8", "replace").decode()
+    return value is None or (isinstance(value, int | float) and math.isfinite(value))
+
+
+def check_episode(episode: RecordedEpisode, about: About, where: Path) -> None:
+    """Raise `DatasetError` for a flight that was read from `where` and whose arrays don't fit together, or hold numbers
+    that are not finite."""
+    if wrong := _array_error(episode, about) or _plain_error(episode, about):
+        raise DatasetError(f"{where} holds a flight that is damaged: {wrong}")
+
+
+def _array_error(episode: RecordedEpisode, about: About) -> str:
+    """Return which array of a flight has another shape than the others call for, or wrong numbers; empty for none."""
+    if (steps := len(episode.rewards)) < 1:
+        return "it has no step"
+    seen = (steps + 1, *episode.rgb.shape[1:3])
+    shapes: dict[str, tuple[int, ...]] = {
+        "rgb": (*seen, 3),
+        "mask": seen,
+        "depth_m": seen,
+        "class_id": seen,
+        "proprioception": (steps + 1, len(about.proprioception)),
+        "poses": (steps + 1, len(POSE_NAMES)),
+        "times_s": (steps + 1,),
+        "moves": (steps, len(ACTION_NAMES)),
+        "options": (steps, len(ACTION_NAMES)),
+        "rewards": (steps,),
+        "costs": (steps, len(about.cost_kinds)),
+    }
+    for name, shape in shapes.items():
+        values: Any = getattr(episode, name)
+        if values is None and name in ("mask", "depth_m", "class_id", "options"):
+            continue
+        if values.shape != shape:
+            return f"{name} has the shape {values.shape}, not {shape}"
+        if name in ("rgb", "mask", "class_id") and values.dtype != np.uint8:
+            return f"{name} are numbers of {values.dtype}, not of uint8"
+        if values.dtype.kind not in "iuf" or not np.isfinite(values).all():
+            return f"{name} holds what is no finite number"
+    return ""
+
+
+def _plain_error(episode: RecordedEpisode, about: About) -> str:
+    """Return what is wrong with the plain data of a flight; empty for nothing."""
+    if not RUNNING <= episode.reason < len(about.reasons):
+        return f"the reason for its end is {episode.reason}; there are {RUNNING} to {len(about.reasons) - 1}"
+    if len(episode.pilots) != episode.steps or not all(isinstance(name, str) for name in episode.pilots):
+        return "pilots must be a name for each step"
+    if not isinstance(episode.terminated, bool):
+        return f"terminated must be true or false, got {episode.terminated!r:.40}"
+    if not isinstance(episode.task, str) or not isinstance(episode.options_of_flight, dict):
+        return "task must be a name, and options a mapping"
+    return "" if is_plain((episode.task, episode.options_of_flight)) else "its options must be plain and finite"
 
 
 SENTENCES = {

@@ -11,7 +11,7 @@ from PIL import Image
 
 from thalweg.core.video import VideoError, read_video
 from thalweg.datasets import lerobot_layout as layout
-from thalweg.datasets.episode import About, RecordedEpisode
+from thalweg.datasets.episode import About, RecordedEpisode, check_episode
 from thalweg.datasets.errors import DatasetError
 
 PLAIN = ("terminated", "task", "options")
@@ -37,7 +37,7 @@ def read_lerobot(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
         info = json.loads((folder / layout.INFO).read_text(encoding="utf-8"))
         version, form = info["codebase_version"], told["format"]
         common, flights = told["about"], list(told["flights"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise DatasetError(f"{folder} cannot be read as a data set of LeRobot: {error!r}") from error
     if (version, form) != (layout.CODEBASE_VERSION, layout.FORMAT):
         raise DatasetError(
@@ -58,16 +58,30 @@ def _read_episode(folder: Path, number: int, flight: dict[str, Any], about: Abou
     except (OSError, pyarrow.ArrowException) as error:
         raise DatasetError(f"{path} cannot be read: {error}") from error
 
+    if not isinstance(flight, dict):
+        raise DatasetError(f"{folder / layout.ABOUT} describes flight {number} by {flight!r:.40}, not by a mapping")
     if missing := [name for name in ("end_state", "end_pose", "end_clock_s", *PLAIN) if name not in flight]:
         raise DatasetError(f"{folder / layout.ABOUT} lacks {', '.join(missing)} of flight {number}")
 
     def column(name: str, *shape: int) -> np.ndarray:
         if name not in table.column_names:
             raise DatasetError(f"{path} lacks the column {name}")
-        chunks = table[name].combine_chunks()
-        for _ in shape:
-            chunks = chunks.flatten()
-        return chunks.to_numpy(zero_copy_only=False).reshape(len(table), *shape)
+        try:
+            chunks = table[name].combine_chunks()
+            for _ in shape:
+                chunks = chunks.flatten()
+            return chunks.to_numpy(zero_copy_only=False).reshape(len(table), *shape)
+        except (AttributeError, ValueError, pyarrow.ArrowException) as error:
+            raise DatasetError(f"{path} has another kind of numbers in the column {name}: {error}") from error
+
+    def with_end(name: str, of_each: tuple[int, ...], key: str) -> np.ndarray:
+        values = column(name, *of_each)
+        try:
+            return np.concatenate([values, np.asarray(flight[key], values.dtype).reshape(1, *of_each)])
+        except (TypeError, ValueError, OverflowError) as error:
+            raise DatasetError(
+                f"{folder / layout.ABOUT}: {key} of flight {number} is {flight[key]!r:.60}: {error}"
+            ) from error
 
     def pictures(name: str) -> np.ndarray | None:
         if name not in table.column_names:
@@ -84,14 +98,16 @@ def _read_episode(folder: Path, number: int, flight: dict[str, Any], about: Abou
         rgb = _again(_frames_of(video, len(table)))
     depth_shape = rgb.shape[1:3]
     actions = len(layout.ACTION_NAMES)
-    return RecordedEpisode(
+    if not len(table):
+        raise DatasetError(f"{path} has no rows")
+    episode = RecordedEpisode(
         rgb=rgb,
         mask=pictures("mask"),
         depth_m=_again(column("depth", *depth_shape)) if "depth" in table.column_names else None,
         class_id=pictures("class"),
-        proprioception=_with(column(layout.STATE, len(about.proprioception)), flight["end_state"]),
-        poses=_with(column("pose", len(layout.POSE_NAMES)), flight["end_pose"]),
-        times_s=_with(column("clock_s"), flight["end_clock_s"]),
+        proprioception=with_end(layout.STATE, (len(about.proprioception),), "end_state"),
+        poses=with_end("pose", (len(layout.POSE_NAMES),), "end_pose"),
+        times_s=with_end("clock_s", (), "end_clock_s"),
         moves=column("action", actions),
         options=column("option", actions) if "option" in table.column_names else None,
         rewards=column("next.reward").astype(np.float64),
@@ -102,6 +118,8 @@ def _read_episode(folder: Path, number: int, flight: dict[str, Any], about: Abou
         task=flight["task"],
         options_of_flight=flight["options"],
     )
+    check_episode(episode, about, path)
+    return episode
 
 
 def _frames_of(path: Path, steps: int) -> np.ndarray:
@@ -121,8 +139,3 @@ def _frames_of(path: Path, steps: int) -> np.ndarray:
 def _again(values: np.ndarray) -> np.ndarray:
     """Return values [T + 1, ...]: those given [T, ...], with the last one repeated."""
     return np.concatenate([values, values[-1:]])
-
-
-def _with(values: np.ndarray, end: Any) -> np.ndarray:
-    """Return values [T + 1, ...]: those given [T, ...], followed by `end`."""
-    return np.concatenate([values, np.asarray(end, values.dtype)[None]])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from thalweg.datasets.episode import About, RecordedEpisode
+from thalweg.datasets.episode import About, RecordedEpisode, check_episode
 from thalweg.datasets.errors import DatasetError
 from thalweg.datasets.minari_layout import DATA, FILE, KEY, META
 
@@ -39,10 +39,14 @@ def read_minari(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
         try:
             told_of_each = data.storage.get_episode_metadata(range(len(data)))
             for episode, meta in zip(data.iterate_episodes(), told_of_each, strict=True):
-                yield _episode(episode, json.loads(str(meta[KEY])))
+                read = _episode(episode, json.loads(str(meta[KEY])))
+                check_episode(read, about, file)
+                yield read
         except KeyError as error:
             raise DatasetError(f"{file} lacks {error}") from error
-        except (OSError, ValueError, TypeError, IndexError, RuntimeError) as error:  # of HDF5, by the kind of damage
+        except DatasetError:
+            raise
+        except Exception as error:  # of HDF5, Gymnasium and Minari, by the kind of damage
             raise DatasetError(f"{file} cannot be read: {error!r}") from error
 
     return about, episodes()

@@ -1,6 +1,7 @@
 """Player of exported policies by ONNX Runtime; PyTorch is not needed."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ from thalweg.deploy.errors import ExportError
 
 KEY = "thalweg"
 """Key of the JSON text in a file's metadata."""
+INPUTS = ("image", "mask", "proprioception", "memory", "last_action", "fresh")
+"""Names of all inputs, see `thalweg.deploy.network.ExportedNetwork`."""
 NO_ACTION = -1
 """The last option at the beginning of a flight, where there is none."""
 
@@ -38,6 +41,8 @@ class OnnxPolicy:
             about = json.loads(session.get_modelmeta().custom_metadata_map[KEY])
         except Exception as error:  # ONNX Runtime raises classes of its own for each kind of damage
             raise ExportError(f"{path} is no policy that thalweg export wrote") from error
+        if wrong := about_error(about, [each.name for each in session.get_inputs()]):
+            raise ExportError(f"{path} is no policy that thalweg export wrote: {wrong}")
         return cls(session, about)
 
     def run(self, given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -48,6 +53,18 @@ class OnnxPolicy:
     def player(self, count: int = 1) -> "OnnxPlayer":
         """Return a player for `count` vehicles."""
         return OnnxPlayer(self, count)
+
+
+def about_error(about: Any, inputs: Sequence[str]) -> str:
+    """Return what is wrong with the description of a policy whose network has these inputs; empty for nothing."""
+    if not isinstance(about, dict) or not {"inputs", "memory", "actions"} <= about.keys():
+        return "its description lacks inputs, memory or actions"
+    told = about["inputs"] if isinstance(about["inputs"], list) else []
+    if sorted(map(str, told)) != sorted(inputs) or not {*inputs} <= {*INPUTS}:
+        return f"its description names the inputs {about['inputs']!s:.60}, but its network takes {', '.join(inputs)}"
+    if not isinstance(about["memory"], int) or about["memory"] < 0:
+        return f"its memory is {about['memory']!r:.40}, not a number"
+    return "" if isinstance(about["actions"], dict) else f"its actions are {about['actions']!r:.40}, not a mapping"
 
 
 class OnnxPlayer:

@@ -1,6 +1,6 @@
 """Checkpoints of a training of an encoder: model and Adam as tensors by name, and the folder of another training."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,9 @@ from thalweg.encoder.files import EncoderFileError, read_tensors
 
 ADAM = "adam."
 """Prefix of the names of Adam's moments."""
+ANEW = "train in a new folder"
+Row = dict[str, float | None]
+"""An epoch: its row of metrics.csv."""
 
 
 def state_tensors(model: nn.Module, prefix: str, optimizer: torch.optim.Adam) -> dict[str, Tensor]:
@@ -22,21 +25,52 @@ def state_tensors(model: nn.Module, prefix: str, optimizer: torch.optim.Adam) ->
     return tensors
 
 
+def read_checkpoint(path: Path, kind: str, columns: Sequence[str]) -> tuple[dict[str, Tensor], list[Row], Any]:
+    """Return the tensors of a checkpoint, the rows of its finished epochs, and what the run in it says of itself.
+
+    `columns` are those of a row: numbers, of which some may be null. Raises `EncoderFileError`, with the path, for
+    anything else.
+    """
+    tensors, about = read_tensors(path, kind)
+    rows, run = about.get("rows"), about.get("run", {})
+    if not isinstance(run, Mapping):
+        raise EncoderFileError(f"{path}: its run is {run!r:.40}, not a mapping; {ANEW}")
+    if not isinstance(rows, list):
+        raise EncoderFileError(f"{path}: its epochs are {rows!r:.40}, not a list; {ANEW}")
+    for number, row in enumerate(rows, start=1):
+        if not isinstance(row, dict) or not all(_is_number(row.get(name, ...)) for name in columns):
+            raise EncoderFileError(f"{path}: its epoch {number} lacks a number of {', '.join(columns)}; {ANEW}")
+        if row["epoch"] != number:
+            raise EncoderFileError(f"{path}: its epoch {number} is called {row['epoch']!r:.40}; {ANEW}")
+    for name, tensor in tensors.items():
+        if not torch.isfinite(tensor).all():
+            raise EncoderFileError(f"{path}: tensor {name} holds numbers that are not finite; {ANEW}")
+    return tensors, rows, run
+
+
+def _is_number(value: Any) -> bool:
+    """Return whether a cell of a row is a number that is finite as far as it is there, or null."""
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+
+
 def restore_state(
     path: Path, tensors: Mapping[str, Tensor], model: nn.Module, prefix: str, optimizer: torch.optim.Adam
 ) -> None:
     """Restore what `state_tensors` returned; raises `EncoderFileError`, with the path, for another model's tensors."""
-    state = {**optimizer.state_dict(), "state": {}}
-    for name, tensor in tensors.items():
-        if name.startswith(ADAM):
-            _, index, moment = name.split(".")
-            state["state"].setdefault(int(index), {})[moment] = tensor
+    moments: dict[int, dict[str, Tensor]] = {}
     own = {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}
     try:
+        for name, tensor in tensors.items():
+            if name.startswith(ADAM):
+                _, index, moment = name.split(".")
+                moments.setdefault(int(index), {})[moment] = tensor
+        weights = sum(len(group["params"]) for group in optimizer.param_groups)
+        if sorted(moments) != list(range(weights)):
+            raise ValueError(f"it has Adam's moments of {len(moments)} weights, of {weights} that there are")
         model.load_state_dict(own)
-        optimizer.load_state_dict(state)
+        optimizer.load_state_dict({**optimizer.state_dict(), "state": moments})
         _restore_memory_layout(optimizer)
-    except (RuntimeError, ValueError) as error:
+    except (RuntimeError, ValueError, KeyError, TypeError) as error:
         raise EncoderFileError(f"{path}: the tensors don't fit the model: {error}") from error
 
 
@@ -50,12 +84,17 @@ def check_folder(folder: Path, kind: FolderKind, run: Mapping[str, Any]) -> None
     path = folder / kind.record
     if path.exists():
         _, about = read_tensors(path, kind.owner)
-        recorded = about.get("run", {})
+        if not isinstance(recorded := about.get("run", {}), Mapping):
+            raise EncoderFileError(f"{path}: its run is {recorded!r:.40}, not a mapping; {ANEW}")
         kind.require_same(folder, {key: recorded[key] for key in run if key in recorded}, run)
 
 
 def _restore_memory_layout(optimizer: torch.optim.Adam) -> None:
     """Give Adam's moments the memory layout of their weights, which the fused step assumes."""
     for weight, moments in optimizer.state.items():
+        if moments["step"].numel() != 1:
+            raise ValueError(f"Adam's steps are {moments['step'].numel()} numbers, not one")
         for name in ("exp_avg", "exp_avg_sq"):
+            if moments[name].shape != weight.shape:
+                raise ValueError(f"Adam's {name} has shape {tuple(moments[name].shape)}, not {tuple(weight.shape)}")
             moments[name] = torch.empty_like(weight).copy_(moments[name])

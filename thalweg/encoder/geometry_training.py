@@ -19,12 +19,12 @@ from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import to_plain
 from thalweg.core.machine import package_version
 from thalweg.core.run_folder import FolderKind
-from thalweg.encoder.checkpoint import restore_state, state_tensors
+from thalweg.encoder.checkpoint import Row, read_checkpoint, restore_state, state_tensors
 from thalweg.encoder.encoder import Encoder
-from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, save_geometry, write_tensors
+from thalweg.encoder.files import FORMAT, EncoderFileError, save_geometry, write_tensors
 from thalweg.encoder.geometry import GeometryConfig, GeometryNetwork, Scale, geometry_loss
 from thalweg.encoder.reconstruction import check_images, to_batch
-from thalweg.encoder.training import Row, epoch_generator, progress_bar, resolve_precision, say_resumed, write_rows
+from thalweg.encoder.training import epoch_generator, progress_bar, resolve_precision, say_resumed, write_rows
 from thalweg.encoder.vae import EncoderInputError
 
 KIND, PREFIX, CHECKPOINT = "geometry encoder training", "network.", "checkpoint.safetensors"
@@ -194,8 +194,7 @@ class _State:
         """Restore network and optimiser and return the rows of the finished epochs; without a file, return no rows."""
         if not path.exists():
             return []
-        tensors, about = read_tensors(path, KIND)
-        recorded = {name: value for name, value in about.get("run", {}).items() if name in self.run}
-        GEOMETRY_FOLDER.require_same(path.parent, recorded, self.run)
+        tensors, rows, run = read_checkpoint(path, KIND, COLUMNS)
+        GEOMETRY_FOLDER.require_same(path.parent, {name: run[name] for name in run if name in self.run}, self.run)
         restore_state(path, tensors, self.network, PREFIX, self.optimizer)
-        return about["rows"]
+        return rows

@@ -24,8 +24,8 @@ from thalweg.core.atomic_io import write_atomic
 from thalweg.core.machine import package_version
 from thalweg.core.notices import notice
 from thalweg.core.run_folder import FolderKind
-from thalweg.encoder.checkpoint import restore_state, state_tensors
-from thalweg.encoder.files import FILE, FORMAT, EncoderFileError, read_tensors, save_vae, write_tensors
+from thalweg.encoder.checkpoint import Row, read_checkpoint, restore_state, state_tensors
+from thalweg.encoder.files import FILE, FORMAT, EncoderFileError, save_vae, write_tensors
 from thalweg.encoder.reconstruction import check_images, mean_image_mse, reconstruction_mse, to_batch
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig, vae_loss
 
@@ -37,8 +37,6 @@ COLUMNS = ("epoch", "loss", "mse", "kl", "held_out_mse", "images_per_s")
 PREFIX = "vae."
 """Prefix of the names of the model's tensors in a checkpoint."""
 ENCODER_FOLDER = FolderKind("encoder training", "checkpoint.safetensors", EncoderFileError)
-
-Row = dict[str, float | None]
 
 
 @dataclass(frozen=True)
@@ -187,11 +185,10 @@ class _State:
         """Restore model and optimiser and return the rows of the finished epochs; without a file, return no rows."""
         if not path.exists():
             return []
-        tensors, about = read_tensors(path, "encoder training")
-        recorded = {name: value for name, value in about.get("run", {}).items() if name in self.run}
-        ENCODER_FOLDER.require_same(path.parent, recorded, self.run)
+        tensors, rows, run = read_checkpoint(path, "encoder training", COLUMNS)
+        ENCODER_FOLDER.require_same(path.parent, {name: run[name] for name in run if name in self.run}, self.run)
         restore_state(path, tensors, self.vae, PREFIX, self.optimizer)
-        return about["rows"]
+        return rows
 
 
 def write_rows(path: Path, columns: Sequence[str], rows: list[Row]) -> None:

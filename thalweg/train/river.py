@@ -24,7 +24,7 @@ from thalweg.env.tasks import task_plugin
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.encoder_of_run import check_camera_fits, file_of_its_own
 from thalweg.train.errors import TrainingError
-from thalweg.train.folder.run_record import RUN_FOLDER, read_config
+from thalweg.train.folder.run_record import RUN_FOLDER, read_context
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
 from thalweg.train.numbers import NumbersTensorEnv, NumbersVectorEnv
 from thalweg.train.observations import (
@@ -230,8 +230,7 @@ class RiverTraining:
         felt = proprioception or "proprioception" in self.config.parts
         check_parts(seen, felt, self.config.observation)
         context = self._context(seen, encoder, felt)
-        existing = (read_config(folder) or {"run": {}})["run"].get("context", {})
-        RUN_FOLDER.require_same_file(folder, existing.get("river", {}), context.get("river", {}))
+        RUN_FOLDER.require_same_file(folder, read_context(folder).get("river") or {}, context.get("river", {}))
         if begun is not None:
             rules = self.config
             of = {"task": rules.task, "vehicle": rules.vehicle, "action": rules.action}

@@ -1,5 +1,6 @@
 """Tests of the comparison of a run that was made again: to the bit, and by means."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -78,7 +79,19 @@ def test_a_mean_that_is_no_number_does_not_agree(tmp_path: Path):
 
 def test_a_curve_without_episodes_at_its_end_is_refused(tmp_path: Path):
     path = written(tmp_path, "a", "10,1.0,0.0")
-    with pytest.raises(ResultsError, match="curve has no episodes to compare"):
+    with pytest.raises(ResultsError, match=f"{path}: curve has no episodes to compare"):
+        compare_means(CURVE, [path], path, path)
+
+
+def test_a_file_without_a_column_that_the_recorded_one_has_is_refused(tmp_path: Path):
+    there, here = written(tmp_path, "a", "99,8.0,0.0"), written(tmp_path, "b", "99,8.0", header="step,return")
+    with pytest.raises(ResultsError, match=f"{here} lacks the column cost, which curve of the recorded run has"):
+        compare_means(replace(CURVE, columns=("step",)), [there], there, here)
+
+
+def test_a_value_that_is_no_number_is_refused_with_the_file(tmp_path: Path):
+    path = written(tmp_path, "a", "99,high,0.0")
+    with pytest.raises(ResultsError, match=f"{path}: could not convert string to float: 'high'"):
         compare_means(CURVE, [path], path, path)
 
 

@@ -1,6 +1,7 @@
 """The encoder study, small: it measures what it says, goes on where it was killed, and refuses what is not its own."""
 
 import csv
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.studies import encoder_study
-from thalweg.bench.studies.encoder_study import CASES, COMPARED, MEASURES, SIZES, StudyConfig, run_study
+from thalweg.bench.studies.encoder_study import CASES, COMPARED, MEASURES, SIZES, StudyConfig, read_measures, run_study
 from thalweg.bench.studies.encoder_tables import SIZE_COLUMNS, Case
 from thalweg.encoder import load_encoder
 from thalweg.encoder.training import split_indices
@@ -152,3 +153,32 @@ def test_images_held_out_are_never_trained_on():
     train, held_out = split_indices(10, 3, 0)
     assert len(held_out) == 3 and sorted([*train, *held_out]) == list(range(10))
     assert np.array_equal(split_indices(10, 3, 0)[1], held_out)
+
+
+MEASURED = {
+    **dict.fromkeys(("train_mse", "held_out_mse", "mean_image_mse", "iou_mask", "iou_ceiling"), 0.5),
+    "iou_colours": None,
+    "read": dict.fromkeys(("left bank", "right bank", "heading error", "height", "bridge"), 0.25),
+}
+
+
+def test_measures_are_read_as_they_were_written(tmp_path: Path):
+    (tmp_path / "measures.json").write_text(json.dumps(MEASURED))
+    assert read_measures(tmp_path / "measures.json") == MEASURED
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("[" * 50_000, "can't be read"),
+        ("[1]", r"a mapping is needed, not \[1\]"),
+        (json.dumps(MEASURED | {"train_mse": 10**400}), "train_mse is 1000"),
+        (json.dumps(MEASURED | {"train_mse": "low"}), "train_mse is 'low'; a number or null is needed"),
+        (json.dumps({name: value for name, value in MEASURED.items() if name != "iou_mask"}), "iou_mask is missing"),
+        (json.dumps(MEASURED | {"read": [1]}), "read.left bank is missing"),
+    ],
+)
+def test_other_measures_are_refused_by_name(content: str, words: str, tmp_path: Path):
+    (tmp_path / "measures.json").write_text(content)
+    with pytest.raises(ResultsError, match=rf"(?s)measures\.json .*{words}"):
+        read_measures(tmp_path / "measures.json")

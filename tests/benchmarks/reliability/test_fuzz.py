@@ -12,7 +12,14 @@ KINDS = (
     *("geojson", "geojson line", "overpass", "gpx", "kml", "world", "suite", "run config", "run status"),
     *("checkpoint arrays", "checkpoint state", "policy", "encoder", "flight", "suite record", "versions", "runs"),
     *("episodes", "training", "curve"),
+    *("run settings", "metrics", "episode log", "encoder checkpoint", "geometry checkpoint", "finder of water"),
+    *("cached maps", "plug-in", "exported policy", "fronts", "study measures", "probes", "verified curve"),
+    *("verified flights", "report: suite", "report: runs", "report: versions", "report: flights", "report: curve"),
+    *("lerobot description", "lerobot info", "lerobot table", "minari metadata", "minari data", "video"),
 )
+SLOW = ("exported policy", "encoder checkpoint", "geometry checkpoint", "video")
+"""Kinds of which a test takes seconds."""
+PARAMETERS = [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in KINDS]
 
 
 @pytest.fixture
@@ -24,7 +31,7 @@ def test_every_kind_is_listed(fuzz: ModuleType):
     assert tuple(fuzz.KINDS) == KINDS
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", PARAMETERS)
 def test_every_sample_is_read_without_mutation(name: str, fuzz: ModuleType, tmp_path: Path):
     kind = fuzz.KINDS[name]
     samples = kind.samples(tmp_path)
@@ -34,7 +41,7 @@ def test_every_sample_is_read_without_mutation(name: str, fuzz: ModuleType, tmp_
     assert samples
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", PARAMETERS)
 def test_a_few_mutated_files_of_every_kind_are_read_or_refused(name: str, fuzz: ModuleType):
     tally = fuzz.fuzz(name, 0, 8)
     assert tally.failures == [] and tally.read + tally.refused == 8

@@ -30,6 +30,8 @@ CONTENTS = {
     "mutated_json": json.dumps(TREE).encode(),
     "mutated_xml": b'<gpx version="1.1"><trkpt lat="45" lon="7.5"><ele>9.5</ele></trkpt><name>Elde</name></gpx>',
     "mutated_table": b"a,b,c\n1,2,3\n4,5,6\n",
+    "mutated_yaml": b"run: {algorithm: PPO, seeds: [1, 2]}\nsteps: 5\n",
+    "mutated_lines": b"import a\n\n\ndef f(x):\n    return x\n",
     "mutated_safetensors": tensor_file(),
     "mutated_npz": archive(),
 }

@@ -65,7 +65,7 @@ def test_what_maps_are_baked_from_is_part_of_their_name(world, baked):
     assert len(baked) == 4
 
 
-@pytest.mark.parametrize("damage", ["half", "nothing", "other bytes", "one byte"])
+@pytest.mark.parametrize("damage", ["half", "nothing", "other bytes", "one byte", "unknown compression"])
 def test_a_damaged_file_is_replaced(world, baked, tmp_path, damage):
     lit = np.ones((4, 4, 3))
     baked_maps.baked_maps(world, SUN, TOP, lit)
@@ -73,9 +73,10 @@ def test_a_damaged_file_is_replaced(world, baked, tmp_path, damage):
     whole = bytearray(file.read_bytes())
     at = bytes(whole).index(np.float32(7.0).tobytes())
     flipped = whole[:at] + bytes([whole[at] ^ 255]) + whole[at + 1 :]
-    file.write_bytes(
-        {"half": whole[: len(whole) // 2], "nothing": b"", "other bytes": b"x", "one byte": flipped}[damage]
-    )
+    method = bytes(whole).index(b"PK\x01\x02") + 10  # of the first member, in the central directory
+    packed = whole[:method] + b"\x63" + whole[method + 1 :]
+    damaged = {"half": whole[: len(whole) // 2], "nothing": b"", "other bytes": b"x", "one byte": flipped}
+    file.write_bytes({**damaged, "unknown compression": packed}[damage])
     assert_equal(baked_maps.baked_maps(world, SUN, TOP, lit), maps(2))
     assert_equal(baked_maps.baked_maps(world, SUN, TOP, lit), maps(2))
 

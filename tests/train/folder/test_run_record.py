@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from thalweg.train.errors import TrainingError
-from thalweg.train.folder.run_record import read_config, read_status, write_config, write_status
+from thalweg.train.folder.run_record import read_config, read_context, read_status, write_config, write_status
 
 FINISHED = {
     "state": "finished", "algorithm": "PPO", "steps": 100, "episodes": 3, "return_mean": 1.5, "cost_mean": 0.0,
@@ -24,6 +24,20 @@ def test_config_and_status_are_read_as_they_were_written(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
+    ("content", "context"),
+    [
+        (b"run: {algorithm: PPO}", {}),
+        (b"run: {algorithm: PPO, context: null}", {}),
+        (b"run: {context: {river: {file: a}}}", {"river": {"file": "a"}}),
+    ],
+)
+def test_the_context_of_a_run_is_a_mapping_whatever_its_config_says(content: bytes, context: dict, tmp_path: Path):
+    assert read_context(tmp_path / "new") == {}
+    (tmp_path / "config.yaml").write_bytes(content)
+    assert read_context(tmp_path) == context
+
+
+@pytest.mark.parametrize(
     "content",
     [
         b"run: \xff",
@@ -32,6 +46,8 @@ def test_config_and_status_are_read_as_they_were_written(tmp_path: Path):
         b"run: [1]",
         b"run: {context: 3}",
         b"run: {context: {env: 7}}",
+        b"run: {context: {river: 7}}",
+        b"run:",
         b"run: {}\nversions: 3",
         b"run: {}\nmachine: [a]",
         b"run: 2020-99-99",

@@ -98,8 +98,8 @@ def compare_means(table: Table, seeds: Sequence[Path], there: Path, here: Path) 
 
     Raises `ResultsError` for a file that cannot be read.
     """
-    recorded, repeated = (_means(table, read_csv(path, table.columns)) for path in (there, here))
-    of_seeds = [_means(table, read_csv(path, table.columns)) for path in seeds]
+    recorded = _means(table, there)
+    repeated, *of_seeds = (_means(table, path, tuple(recorded)) for path in (here, *seeds))
     wrong, said = [], []
     for name, mean in recorded.items():
         spread = np.std([each[name] for each in of_seeds], ddof=1) if len(of_seeds) > 1 else 0.0
@@ -111,13 +111,18 @@ def compare_means(table: Table, seeds: Sequence[Path], there: Path, here: Path) 
     return Part(table.name, len(read_csv(there, table.columns)), tuple(wrong), "; ".join(said))
 
 
-def _means(table: Table, rows: Sequence[Row]) -> dict[str, float]:
-    """Return the means of the compared columns, of a curve over its last steps; raises `ResultsError` for no rows."""
+def _means(table: Table, path: Path, wanted: Sequence[str] = ()) -> dict[str, float]:
+    """Return the means of the compared columns of a file, of a curve over its last steps; raises `ResultsError` for no
+    rows, for a value that is no number, and for a file without the `wanted` columns."""
+    rows = read_csv(path, table.columns)
     try:
         if table.steps:
             rows = [row for row in rows if float(row["step"]) > (1 - LAST_SHARE) * table.steps]
-        if not rows:
-            raise ResultsError(f"{table.name} has no episodes to compare")
-        return {name: float(np.mean([float(row[name]) for row in rows])) for name in TOLERANCES if name in rows[0]}
+        means = {name: [float(row[name]) for row in rows] for name in TOLERANCES if name in (rows or [{}])[0]}
     except ValueError as error:
-        raise ResultsError(f"{table.name}: {error}") from error
+        raise ResultsError(f"{path}: {error}") from error
+    if not rows:
+        raise ResultsError(f"{path}: {table.name} has no episodes to compare")
+    if missing := [name for name in wanted if name not in means]:
+        raise ResultsError(f"{path} lacks the column {missing[0]}, which {table.name} of the recorded run has")
+    return {name: float(np.mean(values)) for name, values in means.items()}

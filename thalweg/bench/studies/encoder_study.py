@@ -5,6 +5,7 @@ written after its training; the tables are computed from them and from the codes
 """
 
 import json
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,8 +18,10 @@ from thalweg.bench.csv_files import ResultsError, csv_text
 from thalweg.bench.report.figures import png
 from thalweg.bench.studies.encoder_tables import (
     ENTROPY_COLUMNS,
+    ERRORS,
     PACKAGED_COLUMNS,
     PROBED,
+    RIVER,
     SIZE_COLUMNS,
     Case,
     entropy_rows,
@@ -189,7 +192,7 @@ def measures(
 
 def write_tables(folder: Path, config: StudyConfig, scenes: Scenes, train: np.ndarray, held_out: np.ndarray) -> Path:
     """Write sizes.csv, packaged.csv, entropy.csv, the figures and study.md; every case must have its measures."""
-    known = {case: _read(folder / case.name / MEASURES) for case in config.cases}
+    known = {case: read_measures(folder / case.name / MEASURES) for case in config.cases}
     rows = [size_row(case, found) for case, found in known.items()]
     write_atomic(folder / "sizes.csv", csv_text(SIZE_COLUMNS, ([row[name] for name in SIZE_COLUMNS] for row in rows)))
     compared = {
@@ -242,8 +245,27 @@ def _claim(folder: Path, config: StudyConfig) -> StudyConfig:
     return config
 
 
+def read_measures(path: Path) -> dict[str, Any]:
+    """Return the measures in a file, see `thalweg.bench.studies.encoder_tables.Measures`; raises `ResultsError` for any
+    other content."""
+    found = _read(path)
+    read = found.get("read")
+    numbers = {name: found.get(name, ...) for name in (*ERRORS, *RIVER)}
+    numbers |= {f"read.{name}": read.get(name, ...) if isinstance(read, dict) else ... for name in PROBED}
+    for name, value in numbers.items():
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if value is not None and (not is_number or abs(value) > sys.float_info.max):
+            told = "missing" if value is ... else f"{value!r:.40}"
+            raise ResultsError(f"{path} holds no measures of the study: {name} is {told}; a number or null is needed")
+    return found
+
+
 def _read(path: Path) -> dict[str, Any]:
+    """Return the mapping in a JSON file; raises `ResultsError` for any other content."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
         raise ResultsError(f"{path} can't be read: {error}") from error
+    if not isinstance(found, dict):
+        raise ResultsError(f"{path} can't be read: a mapping is needed, not {found!r:.40}")
+    return found

@@ -71,7 +71,7 @@ def assignments_and_functions(file: Path) -> list[str]:
 def _parsed(file: Path) -> ast.Module:
     try:
         return ast.parse(file.read_bytes(), str(file))
-    except (SyntaxError, ValueError) as error:
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:  # the last two: nested too deep
         line = f", line {error.lineno}" if isinstance(error, SyntaxError) and error.lineno else ""
         what = error.msg if isinstance(error, SyntaxError) else str(error)
         raise PluginError(f"{file}{line}: {what}; a plug-in is a file of Python that can be imported") from error

@@ -21,6 +21,7 @@ from thalweg.render.records.layout import (
     PAINT_LEVELS,
     PLANT_FROM,
     PLANT_TO,
+    QUAY_AT,
     SHADE_AT,
     SKY_AT,
 )
@@ -31,7 +32,7 @@ COLUMNS = {
     "top": (MAP_AT,),
     "depth": (),
     "cone": (CONE_AT,),
-    "paint": tuple(range(PAINT_AT, PAINT_AT + PAINT_LEVELS)),
+    "paint": (*range(PAINT_AT, PAINT_AT + PAINT_LEVELS), QUAY_AT),
     "canopy": (CANOPY_AT,),
     "canopy_paint": (),
     "plants": (PLANT_FROM, PLANT_TO),

@@ -10,6 +10,7 @@ import numpy as np
 
 from thalweg.render.bake import impostors, outlines, ripples, sky
 from thalweg.render.bake.baked_maps import baked_maps
+from thalweg.render.bake.quay_mask import quay_mask
 from thalweg.render.bake.texels import pack_colour
 from thalweg.render.records.layout import (
     ATLAS_AT,
@@ -57,6 +58,8 @@ from thalweg.render.records.layout import (
     PLANT_COLUMNS,
     PLANT_FROM,
     PLANT_TO,
+    QUAY_AT,
+    QUAY_LEVEL,
     QUAY_SLOPE,
     SHADE_AT,
     SKY_AT,
@@ -165,6 +168,8 @@ def add_maps(tables: TableWriter, world: World, sun: np.ndarray, extent: np.ndar
     extent[PAINT_Y], extent[PAINT_X] = levels[0].shape
     for k, level in enumerate(levels):
         extent[PAINT_AT + k] = tables.add("paint", level.ravel())
+    if has_kind(world.banks, "quay"):
+        extent[QUAY_AT] = tables.add("paint", quay_mask(world, levels[QUAY_LEVEL].shape).ravel())
 
     extent[CANOPY_Y], extent[CANOPY_X] = baked.canopy.shape
     extent[CANOPY_AT] = tables.add("canopy", baked.canopy.ravel())

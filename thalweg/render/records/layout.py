@@ -7,6 +7,8 @@ import numpy as np
 
 PAINT_LEVELS = 8
 """Mip levels of the ground's paint."""
+QUAY_LEVEL = 2
+"""Level of the paint that has the texels of the mask of quays."""
 CONE_CELL = 4
 """Nodes a side of a cell of the cone map."""
 CANOPY_CELL = 2
@@ -27,12 +29,13 @@ PAINT_RANGE = 1.25
 GX, GY, MAP_AT, CONE_X, CONE_AT, PAINT_X, PAINT_Y, CANOPY_X, CANOPY_Y, CANOPY_AT = range(10)
 PLANT_FROM, PLANT_TO, BRIDGE_FROM, BRIDGE_TO, SKY_AT, ATLAS_AT, SHADE_AT, CLOUD_AT, CHUNK_AT = range(10, 19)
 PAINT_AT = 19
-EXTENT_COLUMNS = PAINT_AT + PAINT_LEVELS
+QUAY_AT = PAINT_AT + PAINT_LEVELS
+EXTENT_COLUMNS = QUAY_AT + 1
 # Columns of Scene.constants. Of top and depth: the metres that code 0 stands for, and those from one code to the next.
+# The slope of the walls of quays is 0 in a world without any.
 ORIGIN_X, ORIGIN_Y, INV_CELL, TOP_MAX, SUN_X, SUN_Y, SUN_Z, FOG_R, FOG_G, FOG_B, SUN_EAST, SUN_NORTH = range(12)
 TOP_BASE, TOP_STEP, DEPTH_BASE, DEPTH_STEP = range(12, 16)
 QUAY_SLOPE = 16
-"""Slope of the walls of quays, 0 in a world without any."""
 CONSTANT_COLUMNS = 17
 # Columns of Scene.plants: foot in metres, height, half width, kind, tint, share of sun at foot and top, rank in 0..1.
 P_X, P_Y, P_Z, P_HEIGHT, P_HALF, P_KIND, P_R, P_G, P_B, P_LOW, P_HIGH, P_RANK = range(12)

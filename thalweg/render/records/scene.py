@@ -28,7 +28,8 @@ class Scene(NamedTuple):
     eight neighbours is higher than the height, and none at a horizontal distance d is higher than
     height + slope * d."""
     paint: np.ndarray
-    """[texels] uint32, radiance of the lit ground and, in the top byte, the share of sun; all levels."""
+    """[texels] uint32, radiance of the lit ground and, in the top byte, the share of sun; all levels. In a world with
+    quays their mask follows, see `thalweg.render.bake.quay_mask`."""
     canopy: np.ndarray
     """[cells] uint32, heights of plants, bridges and ground above the water: of a cell and the next ones in x, in y and
     in both; see `thalweg.render.bake.canopy`."""

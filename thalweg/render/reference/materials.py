@@ -6,6 +6,7 @@ import numpy as np
 
 from thalweg.render.bake import clouds, impostors, ripples, sky
 from thalweg.render.bake.canopy import canopy_map
+from thalweg.render.bake.quay_mask import quay_share
 from thalweg.render.bake.scene_tables import ground_radiance, sun_vector
 from thalweg.render.kernels import bridge_stone
 from thalweg.render.kernels.shading import clouds as cloud_shading
@@ -37,6 +38,8 @@ class Materials:
         four, packed = canopy_map(world, self.lit, self.atlas, self.sun)
         self.canopy_code = (four & 255).astype(np.float64)
         self.canopy_paint = np.stack([packed >> shift & 255 for shift in (0, 8, 16, 24)], axis=-1).astype(np.float64)
+        self.of_quay = quay_share(world) if has_kind(world.banks, "quay") else None
+        """How far each node is ground of a quay, [GY, GX]; None in a world without any."""
         self.props: Any = None
         """`thalweg.render.reference.props.Props` whose waves and mirror images the water shows, or None."""
 
@@ -95,7 +98,7 @@ class Materials:
         grain = np.maximum((1 + ground.GRAIN_DEPTH * fine) * (1 + ground.PATCH_DEPTH * patch), 0.2)
         grain *= (ground.SKY_SHARE + flecks) / (ground.SKY_SHARE + sun)
         radiance = bilinear(self.lit, x, y) * grain[..., None]
-        return quay.over_ground(self, radiance, x, y) if has_kind(self.world.banks, "quay") else radiance
+        return radiance if self.of_quay is None else quay.over_ground(self, radiance, x, y)
 
     def grain(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return the grain [K] of unit deviation about 0 at texel coordinates of its tile."""
@@ -104,6 +107,11 @@ class Materials:
     def sunlit(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return the share [K] of the sun at node coordinates."""
         return bilinear(self.share, x, y)
+
+    def quayed(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return how far the ground [K] is that of a quay at node coordinates, in a world with quays."""
+        assert self.of_quay is not None
+        return bilinear(self.of_quay, x, y)
 
     def water(self, point: np.ndarray, sight: np.ndarray, time_s: float) -> np.ndarray:
         """Return the radiance [K, 3] of the water at points [K, 3] (world metres) in directions of sight [K, 3]."""

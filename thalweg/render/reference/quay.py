@@ -54,7 +54,8 @@ def over_ground(materials: Any, ground: np.ndarray, x: np.ndarray, y: np.ndarray
     sky = quay.OPEN_SKY + (1 - quay.OPEN_SKY) * up
     light = direct[:, None] * layout.SUN_RADIANCE + sky[:, None] * layout.SKY_RADIANCE + quay.BOUNCE
 
-    slabs = 1 + quay.SLAB_CONTRAST * (masonry(along * quay.SLAB, past * quay.SLAB) - 1)
+    belongs = materials.quayed(x, y)
+    slabs = 1 + belongs * quay.SLAB_CONTRAST * (masonry(along * quay.SLAB, past * quay.SLAB) - 1)
     ground = ground * np.where(paved, slabs, 1.0)[:, None]
-    covered = np.where(on_top, 1.0, wall)[:, None]
+    covered = (belongs * np.where(on_top, 1.0, wall))[:, None]
     return ground + covered * (stone * light - ground)

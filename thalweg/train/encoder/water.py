@@ -19,9 +19,9 @@ from thalweg.core.compute.torch_threads import default_torch_threads, torch_thre
 from thalweg.core.machine import package_version
 from thalweg.core.run_folder import FolderKind
 from thalweg.core.seeds import compact_seeds
-from thalweg.encoder.checkpoint import check_folder, restore_state, state_tensors
-from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, write_tensors
-from thalweg.encoder.training import Row, epoch_generator, progress_bar, say_resumed, write_rows
+from thalweg.encoder.checkpoint import Row, check_folder, read_checkpoint, restore_state, state_tensors
+from thalweg.encoder.files import FORMAT, EncoderFileError, write_tensors
+from thalweg.encoder.training import epoch_generator, progress_bar, say_resumed, write_rows
 from thalweg.encoder.vae import EncoderInputError
 from thalweg.encoder.water import WaterSegmenter, colours_of, mean_iou, save_segmenter, water_in
 from thalweg.render import RENDER_VERSION, Renderer
@@ -223,6 +223,6 @@ class _State:
         """Restore what `save` wrote, and return its rows; none without a file."""
         if not path.exists():
             return []
-        tensors, about = read_tensors(path, KIND)
+        tensors, rows, _ = read_checkpoint(path, KIND, COLUMNS)
         restore_state(path, tensors, self.network, PREFIX, self.optimizer)
-        return about["rows"]
+        return rows

@@ -36,10 +36,18 @@ class CsvTable:
         self._columns: list[str] | None = None
         if keep_bytes:
             self._file.seek(0)
-            self._columns = self._file.readline().decode().strip().split(",")
+            self._columns = self._read_header()
             self._file.seek(keep_bytes)
         elif columns is not None:
             self._write_header(columns)
+
+    def _read_header(self) -> list[str]:
+        """Return the columns of the first line."""
+        try:
+            return self._file.readline().decode().strip().split(",")
+        except UnicodeDecodeError as error:
+            self._file.close()
+            raise TrainingError(f"{self._path} is damaged: its first line is not text") from error
 
     def write(self, row: Mapping[str, Any]) -> None:
         """Append a row; numbers are written in full precision."""

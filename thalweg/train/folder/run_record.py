@@ -18,7 +18,7 @@ PLUGIN = "plugin"
 """Key of a context: version and source of the plug-in that a policy was trained by."""
 PLUGINS = (PLUGIN, "encoder_plugin", "task_plugin")
 """Keys of a context for plug-ins: the algorithm, the encoder and the task."""
-MAPPINGS = (("run",), ("versions",), ("machine",), *(("run", "context", key) for key in (*PLUGINS, "env")))
+MAPPINGS = (("run",), ("versions",), ("machine",), *(("run", "context", key) for key in (*PLUGINS, "env", "river")))
 """Parts of config.yaml that are mappings where they are there."""
 STATUS_NUMBERS = ("steps", "episodes", "return_mean", "cost_mean", "cost_rate", "seconds")
 """Numbers of status.json, null where there is none."""
@@ -53,8 +53,8 @@ def read_config(folder: Path) -> dict[str, Any] | None:
         description = load(path.read_text(encoding="utf-8"), yaml.SafeLoader)
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise TrainingError(f"{path} is not the config of a run: {error}") from error
-    if not isinstance(description, dict) or "run" not in description:
-        raise TrainingError(f"{path} is not the config of a run")
+    if not isinstance(description, dict) or description.get("run") is None:
+        raise TrainingError(f"{path} is not the config of a run: it has no run")
     for keys in MAPPINGS:
         part: Any = description
         for depth, key in enumerate(keys, start=1):
@@ -62,6 +62,12 @@ def read_config(folder: Path) -> dict[str, Any] | None:
             if not isinstance(part, dict):
                 raise TrainingError(f"{path} is not the config of a run: {'.'.join(keys[:depth])} must be a mapping")
     return description
+
+
+def read_context(folder: Path) -> dict[str, Any]:
+    """Return the context of the run in a folder, see `thalweg.train.observations`; empty for a new run and for one
+    without. Raises the errors of `read_config`."""
+    return ((read_config(folder) or {"run": {}})["run"].get("context")) or {}
 
 
 def require_same(folder: Path, recorded: dict[str, Any], requested: dict[str, Any]) -> None:

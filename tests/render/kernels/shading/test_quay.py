@@ -12,7 +12,7 @@ from thalweg.render.records import layout
 from thalweg.render.records.classes import GROUND, PLANT, WATER
 from thalweg.render.reference import frame as reference
 from thalweg.world import World
-from thalweg.world.banks import QUAY_WALL_M, quay_run_m, quay_slope
+from thalweg.world.banks import QUAY_WALL_M, quay_run_m, quay_slope, read_banks
 
 HALF_M = 4.0
 
@@ -89,6 +89,18 @@ def test_stones_smaller_than_a_pixel_give_way_to_the_paint(quay):
         camera = Camera(side, side, fov_deg=120.0)
         stone, bare = (Renderer([world], camera).render(pose)[0] for world in (quay, paint))
         assert np.array_equal(stone, bare) == same
+
+
+@pytest.mark.parametrize("banks", ["quay_left", "quay_20-40", "quay_0-60+meadow_right"])
+def test_a_wall_beyond_the_end_of_a_quay_has_no_stone(quay, banks):
+    """The ground is that of walls on both sides; what the banks do not call a quay looks as in a world without one."""
+    other, none = (replace(quay, banks=read_banks(each)) for each in (banks, ()))
+    poses = [[30.0, 0.0, 2.0, np.pi / 2], [30.0, 0.0, 2.0, -np.pi / 2], [8.0, 0.0, 2.0, np.pi / 2]]
+    stone, found, bare = (Renderer([world], Camera(64, 64)).render(poses) for world in (quay, other, none))
+    is_quay = [(frame == all_stone).all() for frame, all_stone in zip(found, stone, strict=True)]
+    is_bare = [(frame == without).all() for frame, without in zip(found, bare, strict=True)]
+    assert is_quay == ([True, True, False] if banks == "quay_20-40" else [True, False, True])
+    assert is_bare == [not each for each in is_quay]
 
 
 def test_a_quay_is_ground_and_the_water_before_it_water(quay):

@@ -3,8 +3,9 @@
 The map of paint has a node each quarter of a metre, seen from above, which is too coarse for a wall. What a pixel shows
 of a quay follows from its height above the water and from the slope there: the wall is as steep as `QUAY_SLOPE`, or a
 little less on a coarse map, and the pavement rises by `QUAY_FALL` towards the land, so that its height says how far it
-is from the edge. Stone gets the sun of the pavement behind the edge, since the baked shares of nodes on the wall are
-those of single points of it.
+is from the edge. Other banks may be as steep: a mask tells where quays are, see `thalweg.render.bake.quay_mask`. Stone
+gets the sun of the pavement behind the edge, since the baked shares of nodes on the wall are those of single points of
+it.
 
 Only worlds that have quays pay for this.
 """
@@ -56,6 +57,8 @@ FLAT_SHARES = (0.5, 1.6)
 """Slopes, as shares of the pavement's, between which ground is pavement."""
 FADE_FROM_M, FADE_TO_M = 0.25, 0.60
 """Sizes of a pixel between which stones give way to the paint of the map."""
+MASK_FULL = 250.0
+"""Number of the mask at which ground is wholly that of a quay; a little less than its greatest, for rounding."""
 OPEN_SKY = 0.62
 """Share of the sky's light that reaches a wall, and the radiance of white stone under what water reflects up to it."""
 BOUNCE = 0.035
@@ -75,6 +78,7 @@ def shade_quays(scene, view, points, pixel, out, n):
     steepest = number[w, layout.QUAY_SLOPE]
     columns = int32(scene.extents[w, layout.PAINT_X])
     rows = int32(scene.extents[w, layout.PAINT_Y])
+    mask = int32(scene.extents[w, layout.QUAY_AT])
     begin = int32(scene.extents[w, uint32(int32(layout.PAINT_AT) + int32(1))])
     sun_x = number[w, layout.SUN_X]
     sun_y = number[w, layout.SUN_Y]
@@ -126,10 +130,14 @@ def shade_quays(scene, view, points, pixel, out, n):
         stone_r = (stone_r + (f32(SLIME[0]) - stone_r) * slime) * light_r
         stone_g = (stone_g + (f32(SLIME[1]) - stone_g) * slime) * light_g
         stone_b = (stone_b + (f32(SLIME[2]) - stone_b) * slime) * light_b
+        # Other banks may be as steep, and as flat.
+        belongs, _, _, _ = paint_level(scene.paint, mask, columns, rows, x[i], y[i], int32(layout.QUAY_LEVEL))
+        belongs = clamp(belongs * f32(1 / MASK_FULL), f32(0), f32(1))
         # Far away, where stones are smaller than a pixel, the paint's prefiltered colours stay.
-        near = clamp((f32(FADE_TO_M) - foot) * f32(1 / (FADE_TO_M - FADE_FROM_M)), f32(0), f32(1))
+        near = belongs * clamp((f32(FADE_TO_M) - foot) * f32(1 / (FADE_TO_M - FADE_FROM_M)), f32(0), f32(1))
         covered = near if on_top else wall * near
-        slabs = f32(1) + f32(SLAB_CONTRAST) * (masonry(along * f32(SLAB), past * f32(SLAB), foot * f32(SLAB)) - f32(1))
+        contrast = f32(SLAB_CONTRAST) * belongs
+        slabs = f32(1) + contrast * (masonry(along * f32(SLAB), past * f32(SLAB), foot * f32(SLAB)) - f32(1))
         slabs = slabs if paved else f32(1)
         red[i] = red[i] * slabs + (stone_r - red[i] * slabs) * covered
         green[i] = green[i] * slabs + (stone_g - green[i] * slabs) * covered

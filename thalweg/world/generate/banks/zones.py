@@ -10,7 +10,7 @@ from thalweg.world.generate import shore
 from thalweg.world.generate.continuation import continued
 from thalweg.world.generate.terrain import Terrain
 from thalweg.world.noise import smooth_step
-from thalweg.world.record import River
+from thalweg.world.record import Grid, River
 
 f4 = np.float32
 STEP_M = 0.25
@@ -55,18 +55,33 @@ def measure(terrain: Terrain, river: River, banks: Banks) -> Zones:
     """Return the zones of a river's banks on its terrain."""
     grid, shape = terrain.grid, terrain.ground_m.shape
     longer = continued(river, grid, shape)
-    course = shore.measure(grid, shape, longer)
-    before = int(np.argmin(np.hypot(*(longer.position_m - river.position_m[0]).T)))
-    arc = np.append(longer.arc_m, longer.length_m) - longer.arc_m[before]
-    arc_m = np.interp(course.course_index, np.arange(len(arc)), arc).astype(np.float32)
-    side = np.where(course.across >= 0, f4(1), f4(-1))
+    course, arc_m, side = _places(grid, shape, river, longer)
     # Islands lie in the course, side channels outside it.
     bank_m = np.where(course.edge_m > 0, terrain.shore_m, course.edge_m)
     on_island = (course.edge_m < 0) & (terrain.shore_m > course.edge_m + f4(ISLAND_M))
     island_m = np.where(on_island, np.maximum(-terrain.shore_m, f4(0)), f4(FAR_M))
-    width_m = np.interp(course.course_index, np.arange(len(arc)), np.append(longer.width_m, longer.width_m[0]))
+    samples = np.arange(len(longer.arc_m) + 1)
+    width_m = np.interp(course.course_index, samples, np.append(longer.width_m, longer.width_m[0]))
     shares = _shares(river, banks, bank_m, arc_m, side, grid.cell_m)
     return Zones(bank_m, arc_m, side, width_m.astype(np.float32), island_m, shares)
+
+
+def shares_on(grid: Grid, shape: tuple[int, int], river: River, banks: Banks) -> dict[str, np.ndarray]:
+    """Return the map of each kind, as in `Zones.share`, on a map [GY, GX] of which only the course is known: there,
+    side channels are land."""
+    course, arc_m, side = _places(grid, shape, river, continued(river, grid, shape))
+    return _shares(river, banks, course.edge_m, arc_m, side, grid.cell_m)
+
+
+def _places(
+    grid: Grid, shape: tuple[int, int], river: River, longer: River
+) -> tuple[shore.Shore, np.ndarray, np.ndarray]:
+    """Return where nodes lie by the `longer` course, to the edge of the map: `Zones.arc_m` and `Zones.side` too."""
+    course = shore.measure(grid, shape, longer)
+    before = int(np.argmin(np.hypot(*(longer.position_m - river.position_m[0]).T)))
+    arc = np.append(longer.arc_m, longer.length_m) - longer.arc_m[before]
+    arc_m = np.interp(course.course_index, np.arange(len(arc)), arc).astype(np.float32)
+    return course, arc_m, np.where(course.across >= 0, f4(1), f4(-1))
 
 
 def kinds_along(river: River, banks: Banks, side: str) -> np.ndarray:

@@ -1,0 +1,68 @@
+"""Kinds of files of recordings in LeRobot's and Minari's format, and of videos."""
+
+import shutil
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+from kind import Kind
+from mutations import mutated_bytes, mutated_json
+
+from tests.datasets.episodes import ABOUT, flight
+from thalweg.core.video import VideoError, open_video, write_video
+from thalweg.datasets.errors import DatasetError
+from thalweg.datasets.recordings import Format, add_flight, read_recordings, recording
+
+STEPS = 3
+Mutate = Callable[[bytes, Random], bytes]
+
+
+@cache
+def _written(form: Format) -> Path:
+    """Return a data set of one short flight, which stays as long as the process."""
+    folder = Path(tempfile.mkdtemp()) / "flights"
+    with recording(folder, form, ABOUT) as writer:
+        add_flight(writer, flight(STEPS))
+    return folder
+
+
+def _part(form: Format, place: str, mutate: Mutate) -> Kind:
+    """Return the kind of a file of a data set, by its place in the folder."""
+
+    def read(path: Path) -> Any:
+        folder = path.parent / "flights"
+        shutil.copytree(_written(form), folder, dirs_exist_ok=True)
+        (folder / place).write_bytes(path.read_bytes())
+        about, flights = read_recordings(folder)
+        return about, [(each.rgb, each.poses, each.rewards, each.costs, each.moves) for each in flights]
+
+    return Kind(Path(place).name, lambda _: [(_written(form) / place).read_bytes()], mutate, read, (DatasetError,))
+
+
+def _video(folder: Path) -> list[bytes]:
+    frames = np.random.default_rng(0).integers(256, size=(4, 32, 32, 3), dtype=np.uint8)
+    write_video(folder / "a.mp4", frames, 4, crf=25)
+    content = (folder / "a.mp4").read_bytes()
+    (folder / "a.mp4").unlink()
+    return [content]
+
+
+def _read_video(path: Path) -> Any:
+    """Return the frames; the frames a second of a damaged video may be unknown."""
+    with open_video(path) as video:
+        return list(video.frames)
+
+
+RECORDING_KINDS: dict[str, Kind] = {
+    "lerobot description": _part("lerobot", "meta/thalweg.json", mutated_json),
+    "lerobot info": _part("lerobot", "meta/info.json", mutated_json),
+    "lerobot table": _part("lerobot", "data/chunk-000/file-000.parquet", mutated_bytes),
+    "minari metadata": _part("minari", "data/metadata.json", mutated_json),
+    "minari data": _part("minari", "data/main_data.hdf5", mutated_bytes),
+    "video": Kind("film.mp4", _video, mutated_bytes, _read_video, (VideoError,)),
+}
+"""By their names in the table."""

@@ -44,6 +44,11 @@ GEOMETRY = (
     "half_width_at_11_m", "bridge", "island",
 )  # fmt: skip
 """Columns of geometry.csv that the page shows."""
+GEOMETRY_OF_TASKS = (
+    "encoder", "views", "left_bank", "right_bank", "heading_error", "height", "swimmer_in_view_distance",
+    "swimmer_in_view_left", "in_a_reserve", "reserve_begins", "clearance", "station_in_view_distance", "over_land",
+)  # fmt: skip
+"""Columns of geometry_tasks.csv that the page shows."""
 PAIR = ("first", "second", "paper")
 """Columns of entropy.csv that do not depend on the smoothing."""
 
@@ -187,6 +192,17 @@ def probes() -> str:
 def geometry() -> str:
     """Return what a linear regression reads from the codes of the packaged encoders on rivers held out."""
     return table(read_csv(ENCODERS / "geometry.csv", GEOMETRY), GEOMETRY)
+
+
+def geometry_of_tasks() -> str:
+    """Return what a linear regression reads, along flights in each task, from the codes of the packaged encoder of
+    geometry of the tasks and of the autoencoder."""
+    rows = read_csv(ENCODERS / "geometry_tasks.csv", GEOMETRY_OF_TASKS)
+    names = {"geometry": "geometry-tasks"}
+    shown = [
+        row | {"encoder": names.get(row["encoder"], row["encoder"])} for row in rows if row["views"].startswith("flights")
+    ]
+    return table(shown, GEOMETRY_OF_TASKS)
 
 
 def entropies() -> str:

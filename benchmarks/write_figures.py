@@ -167,6 +167,7 @@ SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
     (ROOT / "docs" / "render.md", "reference"): ("reference_accuracy.csv", reference_accuracy),
     (ROOT / "docs" / "render.md", "scaling"): ("scaling.csv", scaling),
     (ROOT / "docs" / "encoder.md", "geometry"): ("encoders/geometry.csv", findings.geometry),
+    (ROOT / "docs" / "encoder.md", "geometry tasks"): ("encoders/geometry_tasks.csv", findings.geometry_of_tasks),
     (FOUND, "study"): ("paper/runs.csv", findings.returns_and_costs),
     (FOUND, "keeping"): ("paper/runs.csv", findings.limits),
     (FOUND, "pairs"): ("paper/runs.csv", findings.pairs_with_ppo),

@@ -167,8 +167,8 @@ def _array_error(episode: RecordedEpisode, about: About) -> str:
         "costs": (steps, len(about.cost_kinds)),
     }
     for name, shape in shapes.items():
-        values: Any = getattr(episode, name)
-        if values is None and name in ("mask", "depth_m", "class_id", "options"):
+        values = getattr(episode, name)
+        if values is None:  # a layer, or options, that were not recorded
             continue
         if values.shape != shape:
             return f"{name} has the shape {values.shape}, not {shape}"

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from PIL import Image
 
 from tests.image_policies import image_policy
 from thalweg.bench.evaluate.evaluation import Step, observation_function
@@ -68,6 +69,33 @@ def test_a_policy_is_shown_frames_of_the_camera_that_it_was_trained_with(easy_wo
         assert observe is not None
         wanted = Renderer([easy_world], Camera(**camera), quality).render(pose)
         np.testing.assert_array_equal(observe(step), wanted)
+
+
+def test_views_are_drawn_by_a_chosen_camera_under_varied_looks(tmp_path: Path, easy_world: World):
+    poses = np.array([[*easy_world.river.position_m[3], easy_world.river.level_m[3] + 4.0, 1.0]])
+    command = ["render", "--level", "easy", "--pose", *map(str, poses[0]), "--out", str(tmp_path / "a.png")]
+    frames: dict[str, np.ndarray] = {}
+    for name, options in {"usual": [], "varied": ["--randomise", "--poses-seed", "2"]}.items():
+        folder = tmp_path / name
+        views = ["--camera", "height_px=32", "width_px=48", "fov_deg=75", *options]
+        assert main([*command, *views, "--frames", str(folder)]) == 0
+        frames[name] = np.asarray(Image.open(folder / "0000.png"))
+    wanted = Renderer([easy_world], Camera(32, 48, 75.0)).render(poses)[0, ..., :3]
+    np.testing.assert_array_equal(frames["usual"], wanted)
+    assert frames["varied"].shape == wanted.shape and np.abs(frames["varied"].astype(int) - wanted).mean() > 2
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--camera", "fov_deg=75", "--size", "64"], "--size goes without --camera, which has height_px and width_px"),
+        (["--gallery", "--randomise"], "leave out --frames, --quality and --randomise"),
+        (["--camera", "height_px=4"], "height_px must be"),
+    ],
+)
+def test_views_that_do_not_go_together_are_refused(options: list[str], told: str, capsys: pytest.CaptureFixture):
+    assert main(["render", "--level", "easy", *options]) == 2
+    assert told in capsys.readouterr().err
 
 
 def test_a_run_through_another_camera_trains_is_evaluated_and_exported(tmp_path: Path, easy_world: World, capsys):

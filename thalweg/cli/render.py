@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from thalweg.cli.options import NO_FILE, POSE, Plugins, River, UsageError, check_file, checked_task, load_world
+from thalweg.cli.views import camera_from
 from thalweg.core.atomic_io import write_picture
 from thalweg.core.notices import notice
 
@@ -38,6 +39,10 @@ class RenderFrames:
     """Height and width of a frame in pixels."""
     quality: Literal["full", "fast"] = "full"
     """`fast` leaves out reflections, filters less, and interpolates the ground."""
+    camera: tuple[str, ...] = ()
+    """Settings of the camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration."""
+    randomise: bool = False
+    """Vary light, water, plants, lens, noise and clouds from frame to frame, by --poses-seed."""
     frames: Path | None = None
     """Also write each frame into this folder: colours, water mask, depth and class as PNG, and a table of poses."""
     gallery: bool = False
@@ -66,8 +71,13 @@ class RenderFrames:
         least, most = LIMITS_PX
         if not least <= self.size <= most:
             raise UsageError(f"--size must be from {least} to {most}, not {self.size}")
-        if self.gallery and (self.frames is not None or self.quality != "full"):
-            raise UsageError("--gallery draws one view in the full quality: leave out --frames and --quality")
+        if self.gallery and (self.frames is not None or self.quality != "full" or self.randomise):
+            raise UsageError(
+                "--gallery draws one view in the full quality: leave out --frames, --quality and --randomise"
+            )
+        if self.camera and self.size != type(self).size:
+            raise UsageError("--size goes without --camera, which has height_px and width_px")
+        self._camera  # noqa: B018  a camera that cannot be is refused before the river is built
         if self.pose is not None and self.poses != "random":
             raise UsageError(f"give --pose or --poses {self.poses}, not both")
         check_file("--out", self.out, *PICTURES)
@@ -106,15 +116,29 @@ class RenderFrames:
         from thalweg.bench.pictures.frame_files import write_frames, write_poses
         from thalweg.render import Renderer
 
-        renderer, props = Renderer([world], self._camera, self.quality), self._props(world, poses)
-        frames = renderer.render(poses, **props)
+        worlds, looks = self._looks(world, len(poses))
+        renderer, options = Renderer(worlds, self._camera, self.quality), looks | self._props(world, poses)
+        frames = renderer.render(poses, **options)
         if self.frames is not None:
-            write_frames(self.frames, frames, renderer.render_layers(poses, layers=("depth_m", "class_id"), **props))
+            write_frames(self.frames, frames, renderer.render_layers(poses, layers=("depth_m", "class_id"), **options))
             write_poses(self.frames, poses)
         write_picture(self.out, contact_sheet(frames))
         for x, y, z, yaw in poses:
             print(f"--pose {x:.3f} {y:.3f} {z:.3f} {yaw:.4f}")
         print(f"{self.out}: {len(frames)} frames of {world.name}, seed {world.seed}")
+
+    def _looks(self, world: Any, count: int) -> tuple[list[Any], dict[str, Any]]:
+        """Return the world under each of its suns, and what the renderer is given of a random look for each frame."""
+        import numpy as np
+
+        from thalweg.env.frame_renderer import relit_worlds
+        from thalweg.render import Randomisation
+
+        if not self.randomise:
+            return [world], {}
+        ranges, generator = Randomisation(), np.random.default_rng(self.poses_seed)
+        looks, suns = zip(*(ranges.draw(generator) for _ in range(count)), strict=True)
+        return relit_worlds([world], ranges), {"look": np.array(looks), "world_index": np.array(suns)}
 
     def _props(self, world: Any, poses: Any) -> dict[str, Any]:
         """Return the objects [K, P, 6] of the task about poses [K, 4] for the renderer, if there are any."""
@@ -133,4 +157,4 @@ class RenderFrames:
     def _camera(self) -> Any:
         from thalweg.render import Camera
 
-        return Camera(height_px=self.size, width_px=self.size)
+        return camera_from(self.camera) if self.camera else Camera(height_px=self.size, width_px=self.size)

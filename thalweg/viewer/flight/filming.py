@@ -1,13 +1,15 @@
 """Films of flights: one that is flown now by a policy or a pilot, or a recorded one, in its look."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from thalweg.bench.pictures import film
-from thalweg.env.frame_renderer import Views
+from thalweg.env.frame_renderer import FrameRenderer, Views
+from thalweg.render import Camera
 from thalweg.viewer.errors import ViewerError
 from thalweg.viewer.flight.cockpit import Cockpit
 from thalweg.viewer.flight.recording import Recording
@@ -16,14 +18,18 @@ from thalweg.viewer.flight.recording import Recording
 class FilmedFlight:
     """A flight with what was seen before each of its steps."""
 
-    def __init__(self, cockpit: Cockpit, most_steps: int | None = None) -> None:
+    def __init__(self, cockpit: Cockpit, most_steps: int | None = None, camera: Camera | None = None) -> None:
         """Fly the flight of a cockpit until it ends, its recording is over, or `most_steps` are flown.
 
+        `camera` films it, by default that of the flight's environment.
         Raises `ViewerError` without a flight, and the errors of who flies.
         """
         if cockpit.flight is None:
             raise ViewerError("there is no flight: start one first")
         self.flight = flight = cockpit.flight
+        env = flight.env
+        other = camera is not None and camera != env.config.camera
+        self._frames = FrameRenderer(env.worlds, 1, replace(env.config, camera=camera)) if other else env.frames
         self._seen: list[tuple[Views, np.ndarray | None]] = []
         goes_on = True
         while goes_on and flight.steps != most_steps:
@@ -41,7 +47,7 @@ class FilmedFlight:
 
     def draw(self, index: int) -> np.ndarray:
         """Return the frame [H, W, 4] uint8 before a step, in the look of the flight."""
-        return self.flight.env.frames.render(*self._seen[index])[0]
+        return self._frames.render(*self._seen[index])[0]
 
     def write(self, path: Path, title: str, on_frame: Callable[[], Any] | None = None) -> None:
         """Write the film, whose first line is `title`, as `thalweg.bench.pictures.film.write_film` does."""

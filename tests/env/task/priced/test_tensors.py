@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode
 import thalweg
 from tests.env.handmade import BlankRenderer, ring
 from tests.env.task.priced.flights import PRICED, erratic, rivers
-from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
 from thalweg.env.snapshot import StateError
 from thalweg.env.task.progress_share import progress_of
 from thalweg.env.task.rules import TASK_STATE
@@ -34,14 +34,14 @@ def follow(vector: RiverVectorEnv, tensors: TensorRiverEnv, rows: np.ndarray, **
         np.testing.assert_array_equal(getattr(vector.state, name), state[name])
 
 
-@pytest.mark.parametrize("action", ["multidiscrete", "continuous"])
+@pytest.mark.parametrize(("action", "hard"), [("multidiscrete", False), ("multidiscrete", True), ("continuous", False)])
 @pytest.mark.parametrize("task", PRICED)
-def test_steps_are_those_of_the_vector_environment(task: str, action: str):
-    tensors, vector = both(task, action=action, max_steps=30)
+def test_steps_are_those_of_the_vector_environment(task: str, action: str, hard: bool):
+    tensors, vector = both(task, action=action, hard=hard, max_steps=30)
     assert tensors.cost_kinds == vector.cost_kinds
     tensors.reset(seed=3)
     follow(vector, tensors, np.ones(N, bool), seed=0)
-    rng, ends = np.random.default_rng(0), 0
+    rng, ends, incurred = np.random.default_rng(0), 0, 0
     for _ in range(90):
         begun = tensors.get_state()["ended"].astype(bool)
         chosen = erratic(vector, rng) if action == "multidiscrete" else rng.uniform(-1, 1, (N, 4)).astype(np.float32)
@@ -63,7 +63,8 @@ def test_steps_are_those_of_the_vector_environment(task: str, action: str):
         for name in ("progress", "critic_obs"):
             np.testing.assert_allclose(info[name].numpy(), their_info[name], rtol=1e-6, atol=1e-6)
         ends += int((terminated | truncated).sum())
-    assert ends > N
+        incurred += int((info["done_reason"] == DoneReason.COST_INCURRED).sum())
+    assert ends > N and (incurred > 0) == hard
 
 
 @pytest.mark.parametrize("task", ["Swimmers", "Nests", "Portage"])

@@ -287,8 +287,7 @@ def outline_area(part, wide_x, wide_y, wide_z, half_x, half_y, half_z):
 def part_box(camera, turn, half_x, half_y, half_z, px, py, pz):
     """Return the columns from, to and rows from, to of the image that a box may touch, with a pixel around it.
 
-    The box has half sizes in metres after a `Turn`, and its middle at px, py, pz from the camera. What is cut by the
-    near plane may be anywhere; what is behind it is nowhere.
+    The box has half sizes in metres after a `Turn`, and its middle at px, py, pz from the camera.
     """
     low_x, high_x, low_y, high_y = f32(1e9), f32(-1e9), f32(1e9), f32(-1e9)
     behind = 0
@@ -301,7 +300,39 @@ def part_box(camera, turn, half_x, half_y, half_z, px, py, pz):
         behind += 1 if ahead < camera.near_m else 0
         low_x, high_x = min(low_x, sx), max(high_x, sx)
         low_y, high_y = min(low_y, sy), max(high_y, sy)
-    return pixel_box(camera, behind, 8, low_x, high_x, low_y, high_y)
+    if behind > 0 and behind < 8:
+        low_x, high_x, low_y, high_y = cut_extent(camera, turn, half_x, half_y, half_z, px, py, pz)
+    return pixel_box(camera, behind == 8, low_x, high_x, low_y, high_y)
+
+
+@kernel(inlined=True, allocates=False)
+def cut_extent(camera, turn, half_x, half_y, half_z, px, py, pz):
+    """Return the least and greatest x and y on the image plane of a box as in `part_box` that the near plane cuts.
+
+    They are those of its corners before the plane, and of the points where its edges meet the plane.
+    """
+    low_x, high_x, low_y, high_y = f32(1e9), f32(-1e9), f32(1e9), f32(-1e9)
+    for corner in range(8):
+        u = half_x if corner & 1 else -half_x
+        v = half_y if corner & 2 else -half_y
+        w = half_z if corner & 4 else -half_z
+        dx, dy, dz = turned(turn, u, v, w)
+        ahead, sx, sy = seen_at(camera, px + dx, py + dy, pz + dz)
+        if ahead < camera.near_m:
+            continue
+        low_x, high_x = min(low_x, sx), max(high_x, sx)
+        low_y, high_y = min(low_y, sy), max(high_y, sy)
+        for axis in range(3):
+            ex, ey, ez = turned(turn, -u if axis == 0 else u, -v if axis == 1 else v, -w if axis == 2 else w)
+            end, _, _ = seen_at(camera, px + ex, py + ey, pz + ez)
+            if end < camera.near_m:
+                share = (ahead - camera.near_m) / (ahead - end)
+                _, sx, sy = seen_at(
+                    camera, px + dx + share * (ex - dx), py + dy + share * (ey - dy), pz + dz + share * (ez - dz)
+                )
+                low_x, high_x = min(low_x, sx), max(high_x, sx)
+                low_y, high_y = min(low_y, sy), max(high_y, sy)
+    return low_x, high_x, low_y, high_y
 
 
 @kernel(inlined=True, allocates=False)
@@ -333,7 +364,7 @@ def mirror_box(part, camera):
     # Ripples stretch a mirror image, most of all towards the camera.
     wide, high = high_x - low_x, high_y - low_y
     return pixel_box(
-        camera, 8 if behind > 0 else 0, 8,
+        camera, behind > 0,
         low_x - f32(STRETCH) * wide, high_x + f32(STRETCH) * wide, low_y - f32(2 * STRETCH) * high, high_y,
     )  # fmt: skip
 
@@ -349,18 +380,13 @@ def seen_at(camera, px, py, pz):
 
 
 @kernel(inlined=True, allocates=False)
-def pixel_box(camera, behind, corners, low_x, high_x, low_y, high_y):
-    """Return the columns from, to and rows from, to around a rectangle of the image plane, with a pixel around it.
-
-    It is the whole image if some of so many corners are behind the near plane, and empty if all are.
-    """
+def pixel_box(camera, hidden, low_x, high_x, low_y, high_y):
+    """Return the columns from, to and rows from, to around a rectangle of the image plane, with a pixel around it; none
+    if hidden."""
     wide, high = f32(camera.width), f32(camera.height)
     per_row = row_step(camera)
-    c0, c1 = int32(0), int32(camera.width)
-    r0, r1 = int32(0), int32(camera.height)
-    if behind == corners:
-        c1, r1 = int32(0), int32(0)
-    elif behind == 0:
+    c0, c1, r0, r1 = int32(0), int32(0), int32(0), int32(0)
+    if not hidden:
         c0 = int32(clamp((low_x + camera.half_w) / camera.column_step - f32(1), f32(0), wide))
         c1 = int32(clamp((high_x + camera.half_w) / camera.column_step + f32(2), f32(0), wide))
         r0 = int32(clamp((camera.half_h - high_y) / per_row - f32(1), f32(0), high))

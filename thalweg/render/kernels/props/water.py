@@ -116,7 +116,7 @@ def wave_box(kind, cos, sin, px, py, pz, camera):
         behind += 1 if ahead < camera.near_m else 0
         low_x, high_x = min(low_x, sx), max(high_x, sx)
         low_y, high_y = min(low_y, sy), max(high_y, sy)
-    return pixel_box(camera, 4 if behind > 0 else 0, 4, low_x, high_x, low_y, high_y)
+    return pixel_box(camera, behind > 0, low_x, high_x, low_y, high_y)
 
 
 @kernel(inlined=True, allocates=False)

@@ -138,7 +138,7 @@ def is_plain(value: Any) -> bool:
         return all(map(is_plain, value))
     if isinstance(value, str):
         return value == value.encode("utf-8", "replace").decode()
-    return value is None or (isinstance(value, int | float) and math.isfinite(value))
+    return value is None or isinstance(value, int) or (isinstance(value, float) and math.isfinite(value))
 
 
 def check_episode(episode: RecordedEpisode, about: About, where: Path) -> None:

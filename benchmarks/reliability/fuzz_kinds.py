@@ -247,7 +247,7 @@ KINDS: dict[str, Kind] = {
         "config.yaml",
         lambda _: [(SAVED / "run" / "config.yaml").read_bytes()],
         mutated_yaml,
-        lambda path: read_config(path.parent),
+        lambda path: sorted(map(str, read_config(path.parent) or {})),  # settings may be infinite
         (TrainingError,),
     ),
     "run status": Kind(

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from thalweg.bench.csv_files import ResultsError, csv_text, finite, read_csv
+from thalweg.bench.results.results import RunRow, read_runs, runs_text
 
 
 def test_line_breaks_and_commas_inside_a_value_survive(tmp_path: Path):
@@ -37,3 +38,12 @@ def test_a_number_is_finite():
     for text in ("nan", "-inf", "1e999"):
         with pytest.raises(ValueError, match=f"a finite number is needed, got '{text}'"):
             finite(text)
+
+
+@pytest.mark.parametrize("name", ["x" * 201, "", "../PPO-0"])
+def test_a_run_whose_name_cannot_be_that_of_its_folder_is_refused(name: str, tmp_path: Path):
+    (tmp_path / "runs.csv").write_text(runs_text([RunRow("PPO-0", "train", "PPO", 0, 400, "finished")]))
+    assert [row.run for row in read_runs(tmp_path)] == ["PPO-0"]
+    (tmp_path / "runs.csv").write_text(runs_text([RunRow(name, "train", "PPO", 0, 400, "finished")]))
+    with pytest.raises(ResultsError, match=r"runs\.csv: the run '.*' must have a name of 1 to 200 characters"):
+        read_runs(tmp_path)

@@ -138,7 +138,7 @@ def is_plain(value: Any) -> bool:
         return all(map(is_plain, value))
     if isinstance(value, str):
         return value == value.encode("utf-8", "replace").decode()
-    return value is None or (isinstance(value, int | float) and math.isfinite(value))
+    return value is None or isinstance(value, int) or (isinstance(value, float) and math.isfinite(value))
 
 
 def check_episode(episode: RecordedEpisode, about: About, where: Path) -> None:
@@ -167,8 +167,8 @@ def _array_error(episode: RecordedEpisode, about: About) -> str:
         "costs": (steps, len(about.cost_kinds)),
     }
     for name, shape in shapes.items():
-        values: Any = getattr(episode, name)
-        if values is None and name in ("mask", "depth_m", "class_id", "options"):
+        values = getattr(episode, name)
+        if values is None:  # a layer, or options, that were not recorded
             continue
         if values.shape != shape:
             return f"{name} has the shape {values.shape}, not {shape}"

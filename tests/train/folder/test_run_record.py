@@ -72,6 +72,9 @@ def test_another_config_is_refused_by_name(content: bytes, tmp_path: Path):
         (json.dumps(FINISHED | {"cost_rate": float("nan")}).encode(), "cost_rate must be a number, got nan"),
         (json.dumps(FINISHED).replace("1.5", "1e999").encode(), "return_mean must be a number, got inf"),
         (json.dumps(FINISHED | {"warnings": []}).encode(), "warnings must be a mapping"),
+        (json.dumps(FINISHED | {"state": float("nan")}).encode(), "state must be a word, got nan"),
+        (json.dumps(FINISHED | {"algorithm": 3}).encode(), "algorithm must be a word, got 3"),
+        (json.dumps(FINISHED | {"new": {"a": [float("inf")]}}).encode(), "new holds a number that is not finite"),
         (b'{"state": "finished", "algorithm": "PPO", "steps": 1, "warnings": {}}', "it lacks cost_mean, cost_rate"),
     ],
 )

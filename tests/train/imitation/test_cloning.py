@@ -15,7 +15,7 @@ from thalweg.cli.main import main
 from thalweg.core import versions
 from thalweg.datasets.episode import About, RecordedEpisode
 from thalweg.datasets.errors import DatasetError
-from thalweg.datasets.recordings import recording
+from thalweg.datasets.recordings import add_flight, recording
 from thalweg.env.pilot.steady import MOVES
 from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
@@ -42,7 +42,7 @@ def flight(steps: int, seed: int = 0, **changes: Any) -> RecordedEpisode:
 def recorded(folder: Path, *flights: RecordedEpisode, about: About = ABOUT) -> Path:
     with recording(folder, "lerobot", about) as writer:
         for each in flights:
-            writer.add(each)
+            add_flight(writer, each)
     return folder
 
 

@@ -36,6 +36,8 @@ MAIN_FILM, FILMS = "film", "films"
 MAIN_FILE = f"{MAIN_FILM}.mp4"
 POSTER = ".jpg"
 """Ending of the picture that stands for a film."""
+MOST_CHARACTERS = 200
+"""Length of the name of a run, which is that of its folder and of files."""
 KINDS = ("best", "failure")
 """Endings of the names of a policy's films: its best flight and its typical failure."""
 
@@ -293,7 +295,7 @@ def read_runs(folder: Path) -> list[RunRow]:
     try:
         return [
             RunRow(
-                row["run"],
+                _run_name(row["run"]),
                 row["kind"],
                 row["algorithm"],
                 int(row["seed"]),
@@ -307,3 +309,10 @@ def read_runs(folder: Path) -> list[RunRow]:
         ]
     except ValueError as error:
         raise ResultsError(f"runs.csv: {error}" if not isinstance(error, ResultsError) else str(error)) from error
+
+
+def _run_name(name: str) -> str:
+    """Return the name of a run; raises `ValueError` for one that cannot be that of its folder."""
+    if not name or len(name) > MOST_CHARACTERS or "/" in name or "\0" in name:
+        raise ValueError(f"the run {name[:40]!r} must have a name of 1 to {MOST_CHARACTERS} characters without /")
+    return name

@@ -1,6 +1,7 @@
 """Record of a run in its folder: its settings (config.yaml) and its status (status.json)."""
 
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -118,9 +119,22 @@ def _status_error(status: Any) -> str:
             return f"{name} must be a number, got {str(value)[:40]}"
     if not isinstance(status.get("warnings", {}), dict):
         return "warnings must be a mapping"
+    for name in ("state", "algorithm"):
+        if not isinstance(status.get(name, ""), str):
+            return f"{name} must be a word, got {status[name]!r:.40}"
+    for name, value in status.items():
+        if not _is_finite(value):
+            return f"{name} holds a number that is not finite"
     if status.get("state") == "finished" and (missing := {*STATUS_NUMBERS, "algorithm", "warnings"} - status.keys()):
         return f"it lacks {', '.join(sorted(missing))}"
     return ""
+
+
+def _is_finite(value: Any) -> bool:
+    """Return whether all numbers of plain data are finite."""
+    if isinstance(value, dict | list):
+        return all(map(_is_finite, value.values() if isinstance(value, dict) else value))
+    return not isinstance(value, float) or math.isfinite(value)
 
 
 def _identity(run: dict[str, Any]) -> dict[str, Any]:

@@ -200,7 +200,9 @@ def geometry_of_tasks() -> str:
     rows = read_csv(ENCODERS / "geometry_tasks.csv", GEOMETRY_OF_TASKS)
     names = {"geometry": "geometry-tasks"}
     shown = [
-        row | {"encoder": names.get(row["encoder"], row["encoder"])} for row in rows if row["views"].startswith("flights")
+        row | {"encoder": names.get(row["encoder"], row["encoder"])}
+        for row in rows
+        if row["views"].startswith("flights")
     ]
     return table(shown, GEOMETRY_OF_TASKS)
 

@@ -8,10 +8,12 @@ from pathlib import Path
 import pytest
 
 from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.bench.suite.priced import LIMITS
 from thalweg.encoder import DEFAULT_PATH, PACKAGED, GeometryConfig
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION
 from thalweg.train import load_policy
+from thalweg.train.encoder.targets import targets_of
 from thalweg.train.observations import check_policy_fits, observation_of
 from thalweg.train.river import load_compatible_encoder
 
@@ -25,6 +27,13 @@ def test_the_encoder_of_geometry_fits_the_renderer_and_the_ideal_eye():
     assert isinstance(encoder.config, GeometryConfig) and encoder.config.targets == FEATURES
     assert (encoder.latent, encoder.inputs) == (32, "rgb+mask")
     assert PACKAGED["geometry"].stat().st_size < 3.6e6
+
+
+def test_the_encoder_of_geometry_of_the_tasks_predicts_what_they_show():
+    encoder = load_compatible_encoder("geometry-tasks")
+    assert isinstance(encoder.config, GeometryConfig) and encoder.config.targets == targets_of(("River", *LIMITS))
+    assert (encoder.latent, encoder.inputs) == (32, "rgb+mask")
+    assert PACKAGED["geometry-tasks"].stat().st_size < 3.6e6
 
 
 def test_the_encoder_of_the_package_fits_the_renderer():

@@ -117,14 +117,15 @@ def share_at_bound(run: Path) -> float:
 
 def cost_by_quarter(log: TrainingLog) -> list[float]:
     """Return the mean cost of the episodes that ended in each quarter of the steps; NaN where none did."""
-    costs, quarter = log.tight + log.loose, _quarter(log)
+    costs, quarter = log.cost, _quarter(log)
     return [float(costs[quarter == number].mean()) if (quarter == number).any() else np.nan for number in range(4)]
 
 
 def early_regret(log: TrainingLog) -> float:
     """Return the share of the regret that comes from the first quarter of the steps; NaN without regret."""
     first = _quarter(log) == 0
-    early = replace(log, step=log.step[first], tight=log.tight[first], loose=log.loose[first])
+    costs = {"tight": log.tight[first], "loose": log.loose[first], "total": log.cost[first]}
+    early = replace(log, step=log.step[first], return_=log.return_[first], **costs)
     total = regret(log, COST_LIMIT) * len(first)
     return regret(early, COST_LIMIT) * float(first.sum()) / total if total else np.nan
 

@@ -35,13 +35,15 @@ class TrainingViews:
         """Return plain data of what differs from the defaults; empty if nothing does."""
         usual = TrainingViews()
         changed = {each.name: getattr(self, each.name) for each in fields(self)}
-        return {name: to_plain(value) for name, value in changed.items() if value != getattr(usual, name)}
+        data = {name: to_plain(value) for name, value in changed.items() if value != getattr(usual, name)}
+        return data | ({"camera": self.camera.as_data()} if "camera" in data else {})
 
 
 def views_in_words(data: dict[str, Any]) -> str:
     """Return a sentence about the `as_data` of views; empty for those of the levels."""
     camera = asdict(Camera()) | data.get("camera", {})
     seen = f"a camera of {camera['height_px']} x {camera['width_px']} pixels and {camera['fov_deg']:g} degrees"
+    seen += f" behind a {camera['lens']['model']} lens" if camera.get("lens") else ""
     words = [
         seen if "camera" in data else "",
         "varied looks" if data.get("randomise") else "",

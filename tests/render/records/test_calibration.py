@@ -84,13 +84,27 @@ def test_another_camera_is_refused_by_what_differs(values: dict[str, Any], told:
         ("image_width: 640", "no calibration: it has no image_height"),
         ("- 1", "no calibration: it has no image_width, image_height and camera_matrix"),
         ("a: [", "cannot be read as a calibration"),
-        ("image_width: 640.5\nimage_height: 480\ncamera_matrix: [4, 0, 2, 0, 4, 2, 0, 0, 1]", "must be whole numbers"),
+        (
+            "image_width: 640.5\nimage_height: 480\ncamera_matrix: [4, 0, 2, 0, 4, 2, 0, 0, 1]",
+            "image_width must be a whole number from 1",
+        ),
+        (f"image_width: {10**400}\nimage_height: 480\ncamera_matrix: [4, 0, 2, 0, 4, 2, 0, 0, 1]", "not 1000"),
+        (f"image_width: 640\nimage_height: 480\ncamera_matrix: [{10**400}]", "camera_matrix has no list of numbers"),
+        ("image_width: 640\nimage_height: 480\ncamera_matrix: [1, 0, 319.5, 0, 1, 239.5, 0, 0, 1]", "fov_deg must be"),
         ("image_width: 640\nimage_height: 480\ncamera_matrix: [4, 0]", "camera_matrix has 2 numbers, not 9"),
     ],
 )
 def test_a_file_that_is_no_calibration_is_refused(text: str, told: str, tmp_path: Path):
-    with pytest.raises(RenderError, match=told):
-        camera_of_calibration(written(tmp_path, text))
+    with pytest.raises(RenderError, match=told) as refused:
+        camera_of_calibration(path := written(tmp_path, text))
+    assert str(path) in str(refused.value)
+
+
+def test_coefficients_that_cancel_beyond_all_numbers_are_refused(tmp_path: Path):
+    text = "image_width: 640\nimage_height: 480\ncamera_matrix: [200, 0, 319.5, 0, 200, 239.5, 0, 0, 1]\n"
+    camera_of_calibration(written(tmp_path, text))
+    with pytest.raises(RenderError, match="moves a corner of the image by nan pixels"):
+        camera_of_calibration(written(tmp_path, text + "distortion_coefficients: [1.0e+308, -1.0e+308]"))
 
 
 def test_a_missing_file_is_named(tmp_path: Path):

@@ -22,13 +22,15 @@ LARGEST_SHIFT_PX = 2.0
 LARGEST_SHARE = 0.02
 """Greatest difference of the two focal lengths, and distance of the axis from the middle, as shares of focal length and
 size, that are left out."""
+MOST_PX = 100_000
+"""Greatest height and width of an image."""
 
 
 def camera_of_calibration(path: Path, **others: Any) -> Camera:
     """Return the camera of a calibration file; `others` are its further fields, such as `pitch_deg`.
 
-    Raises `RenderError` for a file that is no calibration, and for a camera that the renderer does not have: distorted,
-    without square pixels, or with its axis beside the middle.
+    Raises `RenderError`, with the path, for a file that is no calibration, and for a camera that the renderer does not
+    have: distorted, without square pixels, or with its axis beside the middle.
     """
     told = _read(path)
     width, height, matrix = _of(told, path)
@@ -45,19 +47,16 @@ def camera_of_calibration(path: Path, **others: Any) -> Camera:
             f" middle, at {middle[0]:g}, {middle[1]:g}: rectify and crop the images"
         )
     shift = largest_shift_px(told, path, matrix, width, height)
-    if shift > LARGEST_SHIFT_PX:
+    if not shift <= LARGEST_SHIFT_PX:  # NaN where terms of infinite size cancel
         raise RenderError(
             f"{path}: the lens moves a corner of the image by {shift:.1f} pixels; the renderer's camera has no"
             " distortion: rectify the images, and give the calibration of the rectified ones, without coefficients"
         )
-    return Camera(
-        **{
-            "height_px": height,
-            "width_px": width,
-            "fov_deg": math.degrees(2 * math.atan(height / (focal_x + focal_y))),
-            **others,
-        }
-    )
+    fov_deg = math.degrees(2 * math.atan(height / (focal_x + focal_y)))
+    try:
+        return Camera(**{"height_px": height, "width_px": width, "fov_deg": fov_deg, **others})
+    except RenderError as error:
+        raise RenderError(f"{path}: {error}") from error
 
 
 def largest_shift_px(told: dict[str, Any], path: Path, matrix: np.ndarray, width: int, height: int) -> float:
@@ -77,11 +76,12 @@ def largest_shift_px(told: dict[str, Any], path: Path, matrix: np.ndarray, width
     corners = np.array([[u, v] for u in (0, width - 1) for v in (0, height - 1)], np.float64)
     focal = np.array([matrix[0, 0], matrix[1, 1]])
     x, y = ((corners - matrix[:2, 2]) / focal).T
-    square = x**2 + y**2
-    radial = k1 * square + k2 * square**2 + k3 * square**3
-    moved_x = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x**2)
-    moved_y = y * radial + p1 * (square + 2 * y**2) + 2 * p2 * x * y
-    return float(np.hypot(moved_x * focal[0], moved_y * focal[1]).max())
+    with np.errstate(over="ignore", invalid="ignore"):
+        square = x**2 + y**2
+        radial = k1 * square + k2 * square**2 + k3 * square**3
+        moved_x = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x**2)
+        moved_y = y * radial + p1 * (square + 2 * y**2) + 2 * p2 * x * y
+        return float(np.hypot(moved_x * focal[0], moved_y * focal[1]).max())
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -106,8 +106,9 @@ def _of(told: dict[str, Any], path: Path) -> tuple[int, int, np.ndarray]:
     if numbers.size != 9:
         raise RenderError(f"{path}: camera_matrix has {numbers.size} numbers, not 9")
     width, height = told["image_width"], told["image_height"]
-    if not all(isinstance(side, int) and side > 0 for side in (width, height)):
-        raise RenderError(f"{path}: image_width and image_height must be whole numbers above 0, not {width}, {height}")
+    for name in ("image_width", "image_height"):
+        if not isinstance(told[name], int) or not 0 < told[name] <= MOST_PX:
+            raise RenderError(f"{path}: {name} must be a whole number from 1 to {MOST_PX}, not {told[name]!r:.40}")
     return width, height, numbers.reshape(3, 3)
 
 
@@ -115,7 +116,7 @@ def _numbers(value: Any, path: Path, name: str) -> np.ndarray:
     """Return the numbers [K] of a list, or of a matrix with its `data`."""
     try:
         found = np.array(value["data"] if isinstance(value, dict) else value, np.float64).ravel()
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise RenderError(f"{path}: {name} has no list of numbers") from error
     if not np.isfinite(found).all():
         raise RenderError(f"{path}: {name} has numbers that are not finite")

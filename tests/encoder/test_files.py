@@ -61,7 +61,8 @@ def test_a_missing_file_is_named(tmp_path):
 
 
 def test_a_misspelt_name_of_a_packaged_encoder_is_named_with_what_there_is():
-    message = r"geometri: no such file \(did you mean 'geometry'\?\); .* comes with the package: default, geometry$"
+    known = "default, geometry, geometry-tasks"
+    message = rf"geometri: no such file \(did you mean 'geometry'\?\); .* comes with the package: {known}$"
     with pytest.raises(EncoderFileError, match=message):
         load_encoder("geometri")
 

@@ -34,7 +34,7 @@ def test_the_encoder_of_the_docs_averages_masks(squares: PluginEncoder):
     assert (codes[0].sum(), codes[1, 1], codes[1].sum()) == (0.0, 0.5, 0.5)
     np.testing.assert_array_equal(squares(frames[..., 3:]), codes)
     assert (squares.latent, squares.inputs, squares.identity) == (64, "mask", "squares 1")
-    assert encoder_names() == ["default", "geometry", "squares"]
+    assert encoder_names() == ["default", "geometry", "geometry-tasks", "squares"]
 
 
 def test_frames_of_another_size_are_refused_and_there_is_no_decoder(squares: PluginEncoder):

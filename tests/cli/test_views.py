@@ -112,6 +112,40 @@ def test_a_run_through_another_camera_trains_is_evaluated_and_exported(tmp_path:
     assert "of 32 x 48 pixels, 75 degrees" in capsys.readouterr().out
 
 
+CALIBRATION = """
+image_width: 640
+image_height: 480
+camera_matrix: {rows: 3, cols: 3, data: [330.0, 0.0, 330.0, 0.0, 325.0, 230.0, 0.0, 0.0, 1.0]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0.04, 0.001, -0.001, 0.0]}
+"""
+
+
+def test_the_lens_of_a_calibration_is_drawn_trained_evaluated_and_exported(tmp_path: Path, easy_world: World, capsys):
+    (tmp_path / "lens.yaml").write_text(CALIBRATION)
+    views = ["--camera", str(tmp_path / "lens.yaml"), "height_px=36", "width_px=48"]
+    camera = camera_from(tuple(views[1:]))
+    pose = np.array([[*easy_world.river.position_m[3], easy_world.river.level_m[3] + 4.0, 1.0]])
+    drawn = ["render", "--level", "easy", "--pose", *map(str, pose[0]), "--frames", str(tmp_path), *views]
+    assert main([*drawn, "--out", str(tmp_path / "a.png")]) == 0
+    seen = Renderer([easy_world], camera).render_layers(pose)
+    np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "0000.png")), seen.rgb[0])
+
+    run, small = tmp_path / "run", ["policy=cnn", "filters=[4,4,4,4]", "features=8"]
+    train = ["train", "--algorithm", "PPO", *SMALL, *small, "--quality", "fast", "--out", str(run)]
+    assert main([*train, *views]) == 0
+    env = yaml.safe_load((run / "config.yaml").read_text())["run"]["context"]["env"]
+    assert env["camera"]["lens"]["coefficients"] == [-0.2, 0.04, 0.001, -0.001, 0.0]
+    assert camera_of(load_policy(run)) == camera
+    assert main(["evaluate", str(run), "--levels", "easy", "--episodes", "1"]) == 0
+    assert main(["export", str(run), "--out", str(tmp_path / "policy.onnx")]) == 0
+    assert "36 x 48 pixels, 72.8889 degrees behind a plumb_bob lens;" in " ".join(capsys.readouterr().out.split())
+    # The same run behind another lens is another run.
+    (tmp_path / "lens.yaml").write_text(CALIBRATION.replace("-0.2,", "-0.19,"))
+    assert main([*train, *views]) == 2
+    assert "lens" in capsys.readouterr().err
+
+
 def test_a_run_of_continuous_actions_is_evaluated_and_filmed_with_them(
     tmp_path: Path, easy_world: World, capsys: pytest.CaptureFixture
 ):

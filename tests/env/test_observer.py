@@ -1,6 +1,7 @@
 """Tests of observations that are dictionaries: each part is what it is alone, and nothing else is drawn."""
 
 import warnings
+from dataclasses import replace
 from types import SimpleNamespace
 
 import gymnasium
@@ -16,6 +17,7 @@ from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv, StateE
 from thalweg.env.observation import PARTS
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.render import Camera, Renderer
+from thalweg.render.optics.lens import Lens
 from thalweg.render.records.appearance import PARAMETERS
 from thalweg.render.records.randomisation import Randomisation
 
@@ -28,8 +30,10 @@ def worlds() -> list:
     return [plane(water_level=1.0), plane(slope_y=0.05, water_level=0.2)]
 
 
-def made(observation, *, mode: str = "SAME_STEP", rivers=None, num_envs: int = 3, **options) -> RiverVectorEnv:
-    config = EnvConfig(observation=observation, camera=SMALL, **options)
+def made(
+    observation, *, mode: str = "SAME_STEP", rivers=None, num_envs: int = 3, lens=None, **options
+) -> RiverVectorEnv:
+    config = EnvConfig(observation=observation, camera=replace(SMALL, lens=lens), **options)
     return RiverVectorEnv(rivers or worlds(), num_envs, config, autoreset_mode=mode)
 
 
@@ -280,3 +284,34 @@ def test_one_environment_has_one_camera():
     assert [each.shape for each in matrices] == [(3, 3), (3, 3), (3,)]
     np.testing.assert_allclose(-matrices.R.T @ matrices.t, info["pose"][:3])
     np.testing.assert_array_equal(matrices.K, Camera().intrinsics())
+
+
+def test_environments_say_how_their_lens_distorts():
+    behind = Camera(24, 32, lens=Lens("plumb_bob", (-0.2, 0.04, 0.01), offset_x_px=2.0))
+    looks = Randomisation.only(fov_deg=(-10.0, 10.0))
+    env = RiverVectorEnv([plane(water_level=0.5)], 3, EnvConfig(camera=behind, randomisation=looks))
+    env.reset(seed=1)
+    model, coefficients = env.camera_distortion
+    factors = behind.intrinsics()[1, 1] / env.camera_matrices.K[:, 1, 1]
+    assert model == "plumb_bob" and np.ptp(factors) > 0.02
+    expected = np.array([-0.2, 0.04, 0.01, 0.0, 0.0]) / factors[:, None] ** [2, 4, 1, 1, 6]
+    np.testing.assert_allclose(coefficients, expected)
+    np.testing.assert_allclose(env.camera_matrices.K[:, 0, 2], 17.5)
+
+
+def test_one_environment_behind_a_lens_has_one_distortion_and_a_pinhole_none():
+    alone = RiverEnv(worlds()[0], EnvConfig(camera=Camera(24, 32, lens=Lens("equidistant", (0.01,)))))
+    frame, _ = alone.reset(seed=0)
+    together = RiverVectorEnv(worlds()[:1], 1, alone.vector.config)
+    np.testing.assert_array_equal(frame, together.reset(seed=0)[0][0])
+    assert alone.camera_distortion.model == "equidistant"
+    np.testing.assert_array_equal(alone.camera_distortion.coefficients, [0.01, 0, 0, 0])
+    model, coefficients = RiverEnv(worlds()[0], EnvConfig(observation="none")).camera_distortion
+    assert model == "plumb_bob" and not coefficients.any()
+
+
+def test_the_state_of_another_lens_is_refused():
+    one, other = (made("mask", lens=Lens("plumb_bob", (k1,))) for k1 in (-0.05, -0.06))
+    one.reset(seed=0)
+    with pytest.raises(StateError, match="config"):
+        other.set_state(one.get_state())

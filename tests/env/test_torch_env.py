@@ -19,6 +19,8 @@ from thalweg.env.snapshot import StateError
 from thalweg.env.spaces import ActionError
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.torch_env import BUFFERS, TensorRiverEnv
+from thalweg.render import Camera, Look, Renderer
+from thalweg.render.optics.lens import Lens
 from thalweg.render.records.appearance import HALF_H, PITCH
 from thalweg.render.records.randomisation import Randomisation
 
@@ -175,6 +177,23 @@ def test_cameras_are_where_the_gymnasium_environment_has_them():
     for found, wanted in zip(matrices, expected, strict=True):
         assert found.dtype == torch.float64
         np.testing.assert_allclose(found.numpy(), wanted, rtol=1e-6, atol=1e-6)
+
+
+def test_frames_and_distortion_behind_a_lens_are_those_of_the_gymnasium_environment():
+    behind = Camera(32, 48, lens=Lens("plumb_bob", (-0.2, 0.04), 0.95, 2.0, -1.5))
+    env = made(observation="rgb+mask", camera=behind, randomisation=Randomisation.only(fov_deg=(-5.0, 5.0)))
+    frames, info = env.reset(seed=2)
+    rows = env._observer._look_rows[env._tensors["look"]].numpy()
+    renderer, poses = env._observer.renderer, info["pose"].numpy()
+    added = np.degrees(2 * np.arctan(rows[:, HALF_H].astype(np.float64))) - behind.fov_deg
+    looks = [Look(fov_deg=float(each)) for each in added]
+    alone = Renderer(renderer.worlds, behind).render(poses, env.world_index, env._tensors["time_s"].numpy(), look=looks)
+    assert np.mean(np.abs(frames.numpy().astype(int) - alone) > 2) < 0.01
+    expected = behind.distortion(added)
+    assert env.camera_distortion.model == expected.model and np.ptp(expected.coefficients[:, 0]) > 0.005
+    np.testing.assert_allclose(env.camera_distortion.coefficients.numpy(), expected.coefficients, rtol=1e-5)
+    wanted = behind.camera_matrices(poses, 0.0, added).K
+    np.testing.assert_allclose(env.camera_matrices.K.numpy(), wanted, rtol=1e-5)
 
 
 def test_what_is_returned_is_valid_until_the_second_step_after():

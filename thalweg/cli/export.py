@@ -36,9 +36,10 @@ class Export:
         source = policy_file(path) if path.exists() else None
         about = export_policy(policy, self.out, encoder=encoder, source=source, name=policy_name(self.policy))
         camera = about["camera"]
+        lens = f" behind a {camera['lens']['model']} lens" if "lens" in camera else ""
         print(
             f"{self.out}: {self.out.stat().st_size / 1e6:.1f} MB; takes {', '.join(about['inputs'])} of"
-            f" {camera['height_px']} x {camera['width_px']} pixels, {camera['fov_deg']:g} degrees;"
+            f" {camera['height_px']} x {camera['width_px']} pixels, {camera['fov_deg']:g} degrees{lens};"
             " acts as the policy does"
         )
         return 0

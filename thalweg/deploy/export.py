@@ -6,7 +6,7 @@ An export is compared with its policy on random images before it is written.
 import json
 import logging
 import warnings
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +138,7 @@ class Exportable:
             return camera_of(self.policy, self.encoder)
         assert self.policy.shape.eyes is not None
         height, width, _ = self.policy.shape.eyes.image
-        return Camera(**{**asdict(camera_of(self.policy)), "height_px": height, "width_px": width})
+        return replace(camera_of(self.policy), height_px=height, width_px=width)
 
     def examples(self, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
         """Return random inputs by name, as in `ExportedNetwork`, of `count` vehicles, some of which begin a flight."""
@@ -253,7 +253,7 @@ def _about(chosen: Exportable, source: Path | None, name: str) -> dict[str, Any]
         "encoder": context.get("encoder"),
         "sees": chosen.sees,
         "inputs": list(chosen.inputs),
-        "camera": {**asdict(camera), "intrinsics": camera.intrinsics().tolist()},
+        "camera": {**camera.as_data(), "intrinsics": camera.intrinsics().tolist()},
         "mask": "255 where water is seen, else 0",
         "proprioception": list(PROPRIOCEPTION) if "proprioception" in chosen.inputs else [],
         "memory": chosen.memory,

@@ -285,7 +285,8 @@ class EnvConfig:
         left_out |= {"vehicle", "boat"} if self.vehicle == "uav" else set()
         left_out |= {name for name in FORCE_FIELDS if getattr(self, name) == getattr(DEFAULT_CONFIG, name)}
         parts = {} if isinstance(self.observation, str) else {"observation": list(self.observation)}
-        return {name: value for name, value in asdict(self).items() if name not in left_out} | parts
+        data = asdict(self) | {"camera": self.camera.as_data()}
+        return {name: value for name, value in data.items() if name not in left_out} | parts
 
     @property
     def task_record(self) -> Task:

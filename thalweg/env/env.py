@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, EnvConfig, integer_at_least
 from thalweg.env.spaces import batch_of_one, observation_at
 from thalweg.env.vector_env import RiverVectorEnv
+from thalweg.render.records.camera import Distortion
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
 
@@ -46,6 +47,12 @@ class RiverEnv(gymnasium.Env):
         """Matrices K [3, 3], R [3, 3] and t [3] of the camera in the current state, in OpenCV's convention; see
         `thalweg.render.records.pinhole`."""
         return CameraMatrices(*(matrices[0] for matrices in self.vector.camera_matrices))
+
+    @property
+    def camera_distortion(self) -> Distortion:
+        """Distortion of the camera, coefficients [D]; see `RiverVectorEnv.camera_distortion`."""
+        model, coefficients = self.vector.camera_distortion
+        return Distortion(model, coefficients[0])
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start a new episode, at `options["pose"]` [4] if given; returns observation and info."""

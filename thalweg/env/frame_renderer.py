@@ -1,7 +1,7 @@
 """Rendering for a vector environment: cameras, appearances and lights of N environments, drawn by one renderer."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import asdict, replace
+from dataclasses import fields, replace
 from inspect import signature
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,6 +11,7 @@ from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig
 from thalweg.env.task.course_arrays import fingerprint
 from thalweg.env.task.rules import State
 from thalweg.render.records.appearance import PARAMETERS, look_rows, look_values
+from thalweg.render.records.camera import Distortion
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
@@ -139,6 +140,11 @@ class FrameRenderer:
         look = dict(zip(PARAMETERS, self.look.T, strict=True))
         return self.camera.camera_matrices(poses, look["pitch_deg"], look["fov_deg"])
 
+    @property
+    def distortion(self) -> Distortion:
+        """Distortion of the N cameras, each with the lens of its look."""
+        return self.camera.distortion(self.look[:, PARAMETERS.index("fov_deg")])
+
     def render_masks(self, views: Views, props: np.ndarray | None = None) -> np.ndarray:
         """Return new masks [M, H, W, 1] uint8 of the views, the fourth channel of their frames; props: as in
         `render`."""
@@ -196,7 +202,7 @@ def _check_renderer(renderer: Any, worlds: Sequence[World], config: EnvConfig) -
         and all(a is b or fingerprint(a) == fingerprint(b) for a, b in zip(rendered, worlds, strict=True))
     ):
         raise ConfigError("the renderer draws other worlds than those of this environment")
-    wanted = asdict(config.camera)
+    wanted = {each.name: getattr(config.camera, each.name) for each in fields(config.camera)}
     different = [name for name, value in wanted.items() if getattr(renderer.camera, name, value) != value]
     if different and config.camera != DEFAULT_CONFIG.camera:
         raise ConfigError(f"config.camera is not the renderer's: {', '.join(different)} of {config.camera}")

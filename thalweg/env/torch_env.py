@@ -34,6 +34,7 @@ from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
 from thalweg.env.task.proprioception import no_last_step
 from thalweg.env.task.rules import TASK_STATE, Outcome, State, empty_outcome, empty_state
+from thalweg.render.records.camera import Distortion
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
 
@@ -147,6 +148,12 @@ class TensorRiverEnv:
         """Matrices K [N, 3, 3], R [N, 3, 3] and t [N, 3] of the cameras in the current state, float64 tensors on the
         device, in OpenCV's convention; see `thalweg.render.records.pinhole`."""
         return self._observer.camera_matrices()
+
+    @property
+    def camera_distortion(self) -> Distortion:
+        """Distortion of the cameras in the current state, coefficients a tensor [N, D] float64 on the device; see
+        `RiverVectorEnv.camera_distortion`."""
+        return self._observer.camera_distortion()
 
     @property
     def unwrapped(self) -> "TensorRiverEnv":

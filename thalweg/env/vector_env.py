@@ -32,6 +32,7 @@ from thalweg.env.spaces import (
 )
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.critic_info import critic_space
+from thalweg.render.records.camera import Distortion
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
 
@@ -140,6 +141,13 @@ class RiverVectorEnv(VectorEnv):
         """Matrices K [N, 3, 3], R [N, 3, 3] and t [N, 3] of the cameras in the current state, in OpenCV's convention;
         see `thalweg.render.records.pinhole`."""
         return self.frames.camera_matrices(self.state.pose)
+
+    @property
+    def camera_distortion(self) -> Distortion:
+        """Distortion of the cameras, coefficients [N, D] in OpenCV's order, with the lens of the episode's look; zeros
+        of `plumb_bob` for pinholes. Raises `RenderError` where a look changes the field of view of an equidistant
+        lens."""
+        return self.frames.distortion
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None

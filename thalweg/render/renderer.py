@@ -16,6 +16,7 @@ from thalweg.render import compilation
 from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.batch import bands_of, draw
 from thalweg.render.errors import RenderError
+from thalweg.render.lens_drawing import LensDrawing
 from thalweg.render.records.appearance import Look, look_rows, look_values
 from thalweg.render.records.breeze import ruffle
 from thalweg.render.records.camera import Camera
@@ -87,9 +88,15 @@ class Renderer:
             compilation.begin()
         self.camera = camera or Camera()
         self.quality = quality
+        if self.camera.lens is not None and self.device != "cpu":
+            raise RenderError(
+                f"the camera has a lens, which is drawn on the CPU only, not on {self.device}: choose device='cpu', or"
+                " rectify the images and take the camera of the rectified ones"
+            )
         size = int(self.camera.height_px), int(self.camera.width_px)
         self._settings = FrameSettings(*size, np.float32(self.camera.near_m), quality == "fast")
         self._gpu: Any = None
+        self._lens = None if self.camera.lens is None else LensDrawing(self.camera, self._settings)
 
     def render(
         self,
@@ -209,6 +216,9 @@ class Renderer:
             self._gpu.draw_for_host(views, wanted, props)
             return
         compilation.finish()
+        if self._lens is not None:
+            self._lens.draw(self.scene, views, wanted, props)
+            return
         draw(
             self.scene,
             views,

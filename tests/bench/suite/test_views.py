@@ -16,8 +16,10 @@ from thalweg.bench.suite.record import read_suite, rules_in_words
 from thalweg.bench.suite.views import TrainingViews
 from thalweg.cli.bench import Rules
 from thalweg.cli.views import TrainedViews
+from thalweg.core.config import parse_config
 from thalweg.env import EnvConfig
 from thalweg.render import Camera, Randomisation
+from thalweg.render.optics.lens import Lens
 
 OWN = Suite("own", (Arm("PPO"),), packaged=False)
 WIDE = """
@@ -45,6 +47,14 @@ def test_a_file_says_what_is_seen_in_training_and_flights_are_drawn_as_ever(tmp_
     claim(tmp_path / "results", suite)  # which is resumed
     with pytest.raises(ResultsError, match="views"):
         claim(tmp_path / "results", OWN)
+
+
+def test_the_lens_of_a_suite_is_read_back_and_named():
+    suite = replace(OWN, views=TrainingViews(Camera(lens=Lens("plumb_bob", (-0.2, 0.04)))))
+    data = suite.as_data()
+    assert data["views"]["camera"]["lens"]["coefficients"] == [-0.2, 0.04]
+    assert parse_config(TrainingViews, data["views"]) == suite.views
+    assert "a field of view of 60 degrees and a pitch of 20 behind a plumb_bob lens." in rules_in_words(data)
 
 
 def test_suites_of_the_levels_views_are_written_as_before():

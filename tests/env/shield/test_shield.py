@@ -14,6 +14,8 @@ from thalweg.env.shield.moves import DEAD_END, HEIGHT, LAND, PERMITTED, TURN
 from thalweg.env.shield.shield import OPTIONS, Shield
 from thalweg.env.spaces import ActionError, to_unit_actions
 from thalweg.env.task.motion import Pose, UnitAction, move
+from thalweg.render import Camera
+from thalweg.render.optics.lens import Lens
 
 STAY, FORWARD, LEFT, CLIMB, DESCEND = (1, 1, 1, 1), (1, 1, 0, 1), (1, 1, 1, 0), (0, 1, 1, 1), (2, 1, 1, 1)
 TURN_LEFT = (1, 0, 1, 1)
@@ -230,3 +232,8 @@ def test_bad_input_is_refused():
         Shield(0)
     with pytest.raises(ConfigError, match="margin_m"):
         ShieldConfig(margin_m=-1.0)
+
+
+def test_a_camera_with_a_lens_is_refused():
+    with pytest.raises(ConfigError, match="masks of a pinhole, not of a camera with a lens"):
+        Shield(1, EnvConfig(camera=Camera(lens=Lens("plumb_bob", (-0.2,)))))

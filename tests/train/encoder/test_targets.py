@@ -9,11 +9,13 @@ from thalweg.encoder import EncoderInputError
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.env.task.priced.eye import features_of
 from thalweg.env.tasks import TASKS
+from thalweg.render.optics.lens import Lens
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.props import PropKind
 from thalweg.train.encoder.targets import (
     TASK_TARGETS,
     TOLD,
+    in_image,
     mirrored_targets,
     nearest_in_view,
     shown_of,
@@ -127,3 +129,11 @@ def test_what_decides_a_cost_weighs_twice():
 def test_unknown_tasks_and_tasks_twice_are_refused(tasks: tuple[str, ...], told: str):
     with pytest.raises(EncoderInputError, match=told):
         targets_of(tasks)
+
+
+def test_behind_a_lens_in_view_is_what_the_lens_shows():
+    # The first two are 45 degrees to the left and right; the image, whose axis is on the right, shows more of the left.
+    camera = Camera(fov_deg=80.0, pitch_deg=0.0, lens=Lens("plumb_bob", (-0.05,), offset_x_px=20.0))
+    poses = np.array([[0.0, 0.0, 1.0, 0.0]])
+    points = np.array([[[5.0, 5.0, 1.0], [5.0, -5.0, 1.0], [5.0, -2.0, 1.0]]])
+    assert in_image(camera, poses, points).tolist() == [[True, False, True]]

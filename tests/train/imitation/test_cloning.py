@@ -112,6 +112,7 @@ def test_an_interrupted_run_resumes_to_the_same_numbers(
     ("about", "changes", "error"),
     [
         ({"camera": {**CAMERA, "fov_deg": 80.0}}, {}, "fov_deg 80.0; students see fov_deg 60.0"),
+        ({"camera": {**CAMERA, "lens": {"model": "plumb_bob"}}}, {}, "recorded through a lens, {'model': 'plumb_bob'}"),
         ({"versions": {"RENDER": 1}}, {}, "has frames of version 1"),
         ({"layers": ()}, {"mask": None}, "has no water masks"),
         ({}, {"options": None}, "has continuous actions"),

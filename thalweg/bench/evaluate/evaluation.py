@@ -202,8 +202,8 @@ def evaluate(
     were trained with it. `on_step` is called before every step. A `shield` replaces moves that it vetoes; it reads the
     masks of the frames that `observe` draws, and takes their camera to be that of `config.env`.
 
-    Raises `ValueError` for a policy that sees frames or images if `observe` is None, the errors of `sight_of`, and those
-    of `thalweg.bench.evaluate.shielded.check_shield`.
+    Raises `ValueError` for a policy that sees frames or images if `observe` is None, the errors of `sight_of`, and
+    those of `thalweg.bench.evaluate.shielded.check_shield`.
     """
     if shield is not None:
         check_shield(policy, observe)

@@ -35,7 +35,8 @@ class TrainingViews:
         """Return plain data of what differs from the defaults; empty if nothing does."""
         usual = TrainingViews()
         changed = {each.name: getattr(self, each.name) for each in fields(self)}
-        return {name: to_plain(value) for name, value in changed.items() if value != getattr(usual, name)}
+        data = {name: to_plain(value) for name, value in changed.items() if value != getattr(usual, name)}
+        return data | ({"camera": self.camera.as_data()} if "camera" in data else {})
 
 
 def views_in_words(data: dict[str, Any]) -> str:
@@ -45,6 +46,7 @@ def views_in_words(data: dict[str, Any]) -> str:
         f"a camera of {camera['height_px']} x {camera['width_px']} pixels, a field of view of {camera['fov_deg']:g}"
         f" degrees and a pitch of {camera['pitch_deg']:g}"
     )
+    seen += f" behind a {camera['lens']['model']} lens" if camera.get("lens") else ""
     words = [
         seen if "camera" in data else "",
         "varied looks" if data.get("randomise") else "",

@@ -19,8 +19,9 @@ from thalweg.env.task.priced.props import all_props
 from thalweg.env.task.proprioception import PROPRIOCEPTION, feel_all
 from thalweg.env.vehicle.boat_eye import see_boats
 from thalweg.render.records import pinhole
-from thalweg.render.records.appearance import HALF_H, HALF_W, PITCH, look_rows, look_values
+from thalweg.render.records.appearance import HALF_H, HALF_W, PARAMETERS, PITCH, look_rows, look_values
 from thalweg.render.records.breeze import ruffle
+from thalweg.render.records.camera import Distortion
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.render.records.props import PROP_COLUMNS
 from thalweg.world.record import World
@@ -37,9 +38,10 @@ class TensorObserver:
     def __init__(self, worlds: Sequence[World], num_envs: int, config: EnvConfig, launcher: Launcher) -> None:
         self.worlds, self.num_envs, self.config, self._launcher = worlds, num_envs, config, launcher
         self._lights = lights_per_world(config.randomisation)
-        self._look_rows, self._look_lights = (launcher.tensor(values) for values in _draw_looks(config))
+        rows, lights, self._look_fovs_deg = _draw_looks(config)
+        self._look_rows, self._look_lights = launcher.tensor(rows), launcher.tensor(lights)
         """[LOOKS, P] the looks as the renderer takes them, and [LOOKS] the light of each; one of each without
-        randomisation."""
+        randomisation. `_look_fovs_deg`: [LOOKS] on the host, what each adds to the field of view."""
         self.looks = len(self._look_rows)
         self._buffer = 0
 
@@ -114,7 +116,14 @@ class TensorObserver:
         camera, lens = self.config.camera, self._look_rows[self._tensors["look"]].double()
         half_width, half_height = lens[:, HALF_W], lens[:, HALF_H]
         matrix = pinhole.intrinsics(torch, half_width, half_height, camera.height_px, camera.width_px)
+        matrix = camera.with_lens(matrix)
         return CameraMatrices(matrix, *pinhole.extrinsics(torch, self._tensors["pose"], lens[:, PITCH]))
+
+    def camera_distortion(self) -> Distortion:
+        """Return the distortion of the cameras in the current state, each with the lens of its look."""
+        added = self._look_fovs_deg[self._tensors["look"].cpu().numpy()]
+        model, coefficients = self.config.camera.distortion(added)
+        return Distortion(model, torch.as_tensor(coefficients, device=self._launcher.device))
 
     @cached_property
     def renderer(self) -> Any:
@@ -203,11 +212,12 @@ class TensorObserver:
         return self._zeros(len(PROPRIOCEPTION), dtype=torch.float32)
 
 
-def _draw_looks(config: EnvConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Return the looks [LOOKS, P] of the randomisation and the light [LOOKS] of each; one of each without it."""
+def _draw_looks(config: EnvConfig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the looks [LOOKS, P] of the randomisation, the light [LOOKS] of each, and what each adds to the field of
+    view [LOOKS] in degrees; one of each without it."""
     values, lights = look_values(None, 1), np.zeros(1, np.int64)
     if config.randomisation is not None:
         generator = np.random.default_rng(LOOKS)
         drawn = [config.randomisation.draw(generator) for _ in range(LOOKS)]
         values, lights = np.array([look for look, _ in drawn]), np.array([light for _, light in drawn])
-    return look_rows(values, config.camera), lights
+    return look_rows(values, config.camera), lights, values[:, PARAMETERS.index("fov_deg")]

@@ -42,10 +42,14 @@ class Shield:
     def __init__(self, count: int, config: EnvConfig = DEFAULT_CONFIG, settings: ShieldConfig = DEFAULT_SHIELD) -> None:
         """Create the shields of `count` vehicles at their starts; `config`: the task.
 
-        Raises `ConfigError` for continuous actions, or a count below one.
+        Raises `ConfigError` for continuous actions, a camera with a lens, or a count below one.
         """
         if config.action != "multidiscrete":
             raise ConfigError(f"the shield judges moves of four branches (multidiscrete), not {config.action} actions")
+        if config.camera.lens is not None:
+            raise ConfigError(
+                "the shield reads masks of a pinhole, not of a camera with a lens: leave config.camera.lens out"
+            )
         self.count = integer_at_least("count", count, 1)
         self.config, self.settings, self.limits = config, settings, config.limits
         self.bounds = Bounds(

@@ -8,9 +8,8 @@ import hashlib
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
 from numbers import Real
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -229,11 +228,16 @@ def fingerprint(world: World) -> int:
 
 def config_fingerprint(config: EnvConfig) -> int:
     """Return a hash of a config's task; equal values give the same hash, whether written as 15 or 15.0."""
-    plain = {name: float(value) if isinstance(value, Real) else value for name, value in config.as_data().items()}
+    plain = _with_floats(config.as_data())
     for name in ("camera", "boat"):
         if name in plain:
-            plain[name] = {key: float(value) for key, value in asdict(getattr(config, name)).items()}
+            plain[name] = _with_floats(plain[name])
     return _first_64_bits(hashlib.sha256(repr(plain).encode()))
+
+
+def _with_floats(data: dict[str, Any]) -> dict[str, Any]:
+    """Return data with all its numbers, though not those within a list or another mapping, as floats."""
+    return {name: float(value) if isinstance(value, Real) else value for name, value in data.items()}
 
 
 def _first_64_bits(digest: "hashlib._Hash") -> int:

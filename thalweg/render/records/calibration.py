@@ -1,87 +1,128 @@
-"""Cameras of calibration files: intrinsics and distortion as ROS's camera_calibration and OpenCV write them in YAML.
-
-The renderer's camera has no distortion, square pixels and its axis in the middle of the image. A file of another camera
-is refused: its images are to be rectified first.
-"""
+"""Cameras of calibration files: intrinsics and distortion as ROS's camera_calibration and OpenCV write them in YAML."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 
 from thalweg.core.yaml12 import load
 from thalweg.render.errors import RenderError
+from thalweg.render.optics.lens import COEFFICIENTS, MODELS, DistortionModel, Lens
+from thalweg.render.optics.wide_frame import KNOTS
 from thalweg.render.records.camera import Camera
 
-MODELS = ("plumb_bob", "none")
-"""Models of distortion whose coefficients are k1, k2, p1, p2, k3."""
-LARGEST_SHIFT_PX = 2.0
-"""Greatest distortion of a corner of the image that is left out."""
-LARGEST_SHARE = 0.02
-"""Greatest difference of the two focal lengths, and distance of the axis from the middle, as shares of focal length and
-size, that are left out."""
 MOST_PX = 100_000
 """Greatest height and width of an image."""
+OTHER_NAMES: dict[str, DistortionModel] = {"fisheye": "equidistant", "radtan": "plumb_bob", "none": "plumb_bob"}
+"""Names of models that other programs write."""
+LEAST_SHIFT_PX = 0.1
+"""Greatest distance in the image between a pixel of the calibration and that of a pinhole with square pixels and its
+axis in the middle, at which the camera is taken for such a pinhole, which is drawn faster and also on a GPU."""
+
+
+class Calibration(NamedTuple):
+    """What a calibration says of the images of a camera."""
+
+    width_px: int
+    height_px: int
+    focal_px: np.ndarray
+    """[2], along a row and along a column."""
+    axis_px: np.ndarray
+    """[2], column and row of the optical axis; 0 is the centre of the first pixel."""
+    model: DistortionModel
+    coefficients: tuple[float, ...]
 
 
 def camera_of_calibration(path: Path, **others: Any) -> Camera:
     """Return the camera of a calibration file; `others` are its further fields, such as `pitch_deg`.
 
-    Raises `RenderError`, with the path, for a file that is no calibration, and for a camera that the renderer does not
-    have: distorted, without square pixels, or with its axis beside the middle.
+    With another height_px or width_px, images are cut about their middle to that shape and resized, as videos are
+    (`thalweg.deploy.follow.cut_to`). Raises `RenderError` for a file that is no calibration, for values that a `Camera`
+    does not allow, and for a lens that has no ray for each pixel, see `thalweg.render.optics.wide_frame.cover`.
     """
-    told = _read(path)
-    width, height, matrix = _of(told, path)
-    focal_x, focal_y = matrix[0, 0], matrix[1, 1]
-    if not (focal_x > 0 and focal_y > 0 and abs(focal_x / focal_y - 1.0) <= LARGEST_SHARE):
-        raise RenderError(
-            f"{path}: the focal lengths fx = {focal_x:g} and fy = {focal_y:g} pixels differ; the renderer's pixels are"
-            " square: resize the images"
-        )
-    middle, axis = (np.array([width, height]) - 1) / 2, matrix[:2, 2]
-    if np.any(np.abs(axis - middle) > LARGEST_SHARE * np.array([width, height])):
-        raise RenderError(
-            f"{path}: the axis of the camera is at cx = {axis[0]:g}, cy = {axis[1]:g}; that of the renderer's is in the"
-            f" middle, at {middle[0]:g}, {middle[1]:g}: rectify and crop the images"
-        )
-    shift = largest_shift_px(told, path, matrix, width, height)
-    if not shift <= LARGEST_SHIFT_PX:  # NaN where terms of infinite size cancel
-        raise RenderError(
-            f"{path}: the lens moves a corner of the image by {shift:.1f} pixels; the renderer's camera has no"
-            " distortion: rectify the images, and give the calibration of the rectified ones, without coefficients"
-        )
-    fov_deg = math.degrees(2 * math.atan(height / (focal_x + focal_y)))
+    told = _calibration(path)
+    sizes = {name: others.pop(name) for name in ("height_px", "width_px") if name in others}
     try:
-        return Camera(**{"height_px": height, "width_px": width, "fov_deg": fov_deg, **others})
+        # A camera of this size, for the errors of sizes that are not allowed.
+        size = Camera(**{"height_px": told.height_px, "width_px": told.width_px, **sizes})
+        told = _cut(told, size.height_px, size.width_px)
+        lens = _lens(told)
+        fov = math.degrees(2 * math.atan(told.height_px / (2 * told.focal_px[1])))
+        pinhole = Camera(**{"height_px": told.height_px, "width_px": told.width_px, "fov_deg": fov, **others})
+        if "fov_deg" in others or _is_pinhole(lens, pinhole):
+            _refuse_another_field_of_view(lens, pinhole, others)
+            return pinhole
+        return replace(pinhole, lens=lens)
     except RenderError as error:
         raise RenderError(f"{path}: {error}") from error
 
 
-def largest_shift_px(told: dict[str, Any], path: Path, matrix: np.ndarray, width: int, height: int) -> float:
-    """Return by how many pixels the distortion of a calibration moves a corner at most.
+def _refuse_another_field_of_view(lens: Lens, pinhole: Camera, others: dict[str, Any]) -> None:
+    """Raise `RenderError` for a given fov_deg, in a calibration that says another one of a lens."""
+    if "fov_deg" in others and not _is_pinhole(lens, pinhole):
+        raise RenderError("fov_deg is that of the calibration, whose lens no other one fits: leave it out")
 
-    x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²), and y' likewise, of points (x, y) at distance one
-    (Brown 1971; https://docs.opencv.org/4.x/d9/d0c/group__calib3d.html). Raises `RenderError` for another model.
-    """
-    model = told.get("distortion_model", MODELS[0])
-    given = _numbers(told.get("distortion_coefficients", []), path, "distortion_coefficients")
-    if model not in MODELS or np.any(given[5:]):
+
+def _is_pinhole(lens: Lens, pinhole: Camera) -> bool:
+    """Return whether the image of a lens differs from that of a pinhole by less than `LEAST_SHIFT_PX` everywhere."""
+    sides = pinhole.width_px, pinhole.height_px
+    columns, rows = np.meshgrid(*(np.linspace(-0.5, side - 0.5, KNOTS) for side in sides))
+    plain = pinhole.intrinsics()
+    shown = lens.distort((columns - plain[0, 2]) / plain[0, 0], (rows - plain[1, 2]) / plain[1, 1])
+    behind = lens.adjust(plain.copy())
+    off = shown[0] * behind[0, 0] + behind[0, 2] - columns, shown[1] * behind[1, 1] + behind[1, 2] - rows
+    return bool(np.hypot(*off).max() <= LEAST_SHIFT_PX)
+
+
+def _lens(told: Calibration) -> Lens:
+    """Return the lens of a calibration."""
+    middle = (np.array([told.width_px, told.height_px]) - 1) / 2
+    return Lens(
+        told.model,
+        told.coefficients,
+        float(told.focal_px[0] / told.focal_px[1]),
+        *(float(offset) for offset in told.axis_px - middle),
+    )
+
+
+def _cut(told: Calibration, height_px: int, width_px: int) -> Calibration:
+    """Return the calibration of images that are cut about their middle to another shape, and resized."""
+    scale = min(told.height_px / height_px, told.width_px / width_px)
+    corner = (np.array([told.width_px, told.height_px]) - scale * np.array([width_px, height_px])) / 2
+    # Pixels reach half of their side beyond their centres.
+    axis = (told.axis_px + 0.5 - corner) / scale - 0.5
+    return told._replace(width_px=width_px, height_px=height_px, focal_px=told.focal_px / scale, axis_px=axis)
+
+
+def _calibration(path: Path) -> Calibration:
+    """Return what a file says; raises `RenderError` for one that is no calibration, or of an unknown model."""
+    told = _read(path)
+    width, height, matrix = _of(told, path)
+    if not (matrix[0, 0] > 0 and matrix[1, 1] > 0):
         raise RenderError(
-            f"{path}: the distortion is that of the model {model!r} with {len(given)} coefficients; known is"
-            " plumb_bob with up to five: rectify the images"
+            f"{path}: the focal lengths fx = {matrix[0, 0]:g} and fy = {matrix[1, 1]:g} pixels must be above 0"
         )
-    k1, k2, p1, p2, k3 = np.pad(given[:5], (0, 5 - len(given[:5])))
-    corners = np.array([[u, v] for u in (0, width - 1) for v in (0, height - 1)], np.float64)
-    focal = np.array([matrix[0, 0], matrix[1, 1]])
-    x, y = ((corners - matrix[:2, 2]) / focal).T
-    with np.errstate(over="ignore", invalid="ignore"):
-        square = x**2 + y**2
-        radial = k1 * square + k2 * square**2 + k3 * square**3
-        moved_x = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x**2)
-        moved_y = y * radial + p1 * (square + 2 * y**2) + 2 * p2 * x * y
-        return float(np.hypot(moved_x * focal[0], moved_y * focal[1]).max())
+    given = _numbers(told.get("distortion_coefficients", []), path, "distortion_coefficients")
+    model = told.get("distortion_model")
+    if model is None:
+        # OpenCV names no model: its files have five coefficients, or eight of the rational one.
+        model = "rational_polynomial" if np.any(given[len(COEFFICIENTS["plumb_bob"]) :]) else "plumb_bob"
+    model = OTHER_NAMES.get(str(model), model)
+    if model not in MODELS:
+        names = ", ".join((*MODELS, *OTHER_NAMES))
+        raise RenderError(f"{path}: the distortion is that of the model {model!r}; known: {names}: rectify the images")
+    most = len(COEFFICIENTS[model])
+    if np.any(given[most:]):
+        raise RenderError(
+            f"{path}: the distortion has {len(given)} coefficients; {model} has {most},"
+            f" {', '.join(COEFFICIENTS[model])}: rectify the images"
+        )
+    return Calibration(
+        width, height, np.diag(matrix)[:2], matrix[:2, 2], model, tuple(float(number) for number in given[:most])
+    )
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thalweg.render.errors import RenderError
 from thalweg.render.kernels import bridges
 from thalweg.render.kernels.shading import tone
 from thalweg.render.kernels.terrain import heightfield_march
@@ -52,6 +53,8 @@ def draw(
 
     props: [P, 6], see `thalweg.render.records.props`.
     """
+    if camera.lens is not None:
+        raise RenderError("the reference renderer draws pinholes: leave the camera's lens out")
     seen = look or Look()
     row = look_rows(look_values(seen, 1), camera)[0].astype(np.float64)
     camera = replace(camera, pitch_deg=camera.pitch_deg + seen.pitch_deg, fov_deg=camera.fov_deg + seen.fov_deg)

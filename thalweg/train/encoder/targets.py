@@ -139,9 +139,8 @@ def in_image(camera: Camera, poses: np.ndarray, points: np.ndarray) -> np.ndarra
     """Return whether points [K, P, 3] lie in the images of a camera at poses [K, 4], as [K, P] bool."""
     matrices = camera.camera_matrices(poses)
     local = np.einsum("kij,kpj->kpi", matrices.R, points.astype(np.float64)) + matrices.t[:, None]
-    column, row, depth = np.moveaxis(np.einsum("kij,kpj->kpi", matrices.K, local), -1, 0)
-    depth = np.where(depth > camera.near_m, depth, np.nan)  # NaN is in no image
+    column, row = camera.pixels_of(local)  # NaN is in no image
     # A pixel with the centre k reaches from k - 0.5 to k + 0.5.
-    beside = np.abs(column / depth - 0.5 * (camera.width_px - 1)) <= 0.5 * camera.width_px
-    above = np.abs(row / depth - 0.5 * (camera.height_px - 1)) <= 0.5 * camera.height_px
+    beside = np.abs(column - 0.5 * (camera.width_px - 1)) <= 0.5 * camera.width_px
+    above = np.abs(row - 0.5 * (camera.height_px - 1)) <= 0.5 * camera.height_px
     return beside & above

@@ -98,6 +98,11 @@ def check_recorded_by(about: About, folder: Path, observation: str) -> None:
                 f"{folder} was recorded through a camera with {name} {told.get(name)}; students see {name}"
                 f" {getattr(camera, name)}: record with the camera of the defaults"
             )
+    if told.get("lens"):
+        raise TrainingError(
+            f"{folder} was recorded through a lens, {told['lens']}; students see without: record with the camera of the"
+            " defaults"
+        )
     if "mask" in observation and "mask" not in about.layers:
         raise TrainingError(f"{folder} has no water masks: record them, or learn with --observation rgb")
     if (found := about.versions.get("RENDER")) != versions.RENDER:

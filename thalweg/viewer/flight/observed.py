@@ -36,7 +36,7 @@ class Observer:
 
     def about(self) -> About:
         """Return what all flights of the environment have in common."""
-        camera = {**asdict(self.camera), "intrinsics": self.camera.intrinsics().tolist()}
+        camera = {**self.camera.as_data(), "intrinsics": self.camera.intrinsics().tolist()}
         return About(
             fps=round(1.0 / self.env.config.step_s),
             camera=camera,

@@ -147,8 +147,8 @@ def page_table(rows: Sequence[dict[str, str]]) -> str:
             times = f"{row[f'{place}_ms']}, {row[f'{place}_with_objects_ms']}"
             line += [times, f"{lost} %"] if lost else ["", ""]
         lines.append(line)
-    frames = [f"{name}: ms without, with" for name in PLACES]
-    names = ["task", "random steps/s", "pilot's steps/s", frames[0], "lost", frames[1], "lost "]
+    frames = [f"{name}: {what}" for name in PLACES for what in ("ms without, with", "lost")]
+    names = ["task", "random steps/s", "pilot's steps/s", *frames]
     return f"{markdown(frame(names, lines))}\n"
 
 

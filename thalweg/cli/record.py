@@ -1,7 +1,6 @@
 """`thalweg record`: records flights as a data set of LeRobot or Minari."""
 
 import itertools
-import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -11,6 +10,7 @@ from typing import Any, Literal
 from thalweg.cli.flown_flight import FlownFlight
 from thalweg.cli.options import UsageError
 from thalweg.core.config import to_plain
+from thalweg.core.notices import notice
 from thalweg.core.seeds import parse_seeds
 
 
@@ -60,7 +60,7 @@ class Record(FlownFlight):
         observer = Observer(first.flight.env, camera, self.layers)
         ended, steps = Counter(_end(each["reason"]) for each in done), sum(each["steps"] for each in done)
         if done:
-            print(f"Resuming after {len(done)} of {max(count, len(done))} flights", file=sys.stderr)
+            notice(f"Resuming after {len(done)} of {max(count, len(done))} flights")
         with (
             progress_bar(Console(stderr=True), "flights") as progress,
             recording(

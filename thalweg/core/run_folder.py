@@ -5,6 +5,7 @@ holds the folder's lock, so that a second one, such as the same command started 
 the same files.
 """
 
+import errno
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.notices import notice
 
 MAX_NAMED = 4
 """Maximum number of differences, or of files, that a message names."""
@@ -20,6 +22,8 @@ LOCK = ".lock"
 """File of a folder that a command holds; the system frees it when the process ends, however it ends."""
 WAIT_S = 0.5
 """Time in which a command that is just ending may free its folder, in seconds."""
+NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP)
+"""Errors of file systems without locks, such as network drives that are mounted without them."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,8 @@ class FolderKind:
     def locked(self, folder: Path) -> Iterator[None]:
         """Hold the folder, which is created if it does not exist, while the block writes to it.
 
-        Raises the kind's error if another command holds it.
+        Raises the kind's error if another command holds it. Where the file system has no locks, a notice says so, and
+        nothing is refused.
         """
         from filelock import FileLock, Timeout  # not in an installation that only flies
 
@@ -92,6 +97,10 @@ class FolderKind:
                 f"another command is writing to {folder}: wait until it has ended, or give another folder for the"
                 f" {self.owner}"
             ) from None
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                raise
+            notice(f"{folder} is on a file system without locks: start no second command in it")
         try:
             yield
         finally:

@@ -107,22 +107,31 @@ def train_encoder(
         "precision": resolve_precision(precision, device),
     }
     train_images, held_out_images = (images[part] for part in split_indices(len(images), held_out, seed))
-    state = _State(config, run, device)
-    rows = state.resume(folder / "checkpoint.safetensors")
-    if progress:
-        say_resumed(folder, len(rows), epochs)
-    with ENCODER_FOLDER.locked(folder), progress_bar(progress) as bar:
+    with ENCODER_FOLDER.locked(folder):
+        state = _State(config, run, device)
+        rows = state.resume(folder / "checkpoint.safetensors")
+        if progress:
+            say_resumed(folder, len(rows), epochs)
+        _take_epochs(folder, state, train_images, held_out_images, rows, progress)
+        return _write_encoder(folder / FILE, state, train_images, held_out_images, rows, source)
+
+
+def _take_epochs(
+    folder: Path, state: "_State", images: np.ndarray, held_out: np.ndarray, rows: list[Row], progress: bool
+) -> None:
+    """Take the epochs that are missing on images uint8 [K, H, W, 4], and append their rows; each is saved."""
+    epochs = state.run["epochs"]
+    with progress_bar(progress) as bar:
         task = bar.add_task("training the encoder", total=epochs, completed=len(rows), note="")
         for epoch in range(len(rows), epochs):
             started = time.perf_counter()
-            row = {"epoch": epoch + 1, **state.epoch(train_images, epoch)}
-            speed = len(train_images) / (time.perf_counter() - started)
-            row["held_out_mse"] = reconstruction_mse(state.vae, held_out_images) if held_out else None
+            row = {"epoch": epoch + 1, **state.epoch(images, epoch)}
+            speed = len(images) / (time.perf_counter() - started)
+            row["held_out_mse"] = reconstruction_mse(state.vae, held_out) if len(held_out) else None
             rows.append({**row, "images_per_s": round(speed, 1)})
             state.save(folder / "checkpoint.safetensors", rows)
             write_rows(folder / "metrics.csv", COLUMNS, rows)
             bar.update(task, advance=1, note=f"{speed:.0f} images/s, mse {row['mse']:.5f}, kl {row['kl']:.2f}")
-    return _write_encoder(folder / FILE, state, train_images, held_out_images, rows, source)
 
 
 def split_indices(count: int, held_out: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

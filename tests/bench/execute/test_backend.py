@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -262,3 +263,19 @@ def test_a_policy_of_images_of_another_renderer_is_not_flown(rivers: RiverBacken
     image_policy(render_version=versions.RENDER + 1).save(tmp_path / POLICY)
     with pytest.raises(TrainingError, match=f"images of renderer version {versions.RENDER + 1}, but the renderer is"):
         rivers.evaluate(Run("train", "PPO", 0), tmp_path, Trial("Easy"), lambda _: None)
+
+
+@pytest.mark.parametrize("shield", [True, False])
+def test_the_shield_reads_masks_through_the_camera_of_the_policy(
+    shield: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    camera = {"height_px": 32, "width_px": 32, "fov_deg": 80.0, "pitch_deg": 5.0}
+    policy, given = image_policy("rgb+mask", 32, env={"camera": camera}), []
+    flown = RiverBackend(Suite("mine", (Arm("PPO"),), packaged=False))
+    course = SimpleNamespace(starts=np.zeros((1, 4)))
+    monkeypatch.setattr(flown, "policy", lambda *_: policy)
+    monkeypatch.setattr(flown, "courses", lambda *_, **__: [course])
+    monkeypatch.setattr(flown, "observers", lambda *_: [None])
+    monkeypatch.setattr(backend, "evaluate", lambda *arguments, **_: given.append(arguments[3].env.camera) or [])
+    flown.evaluate(Run("train", "PPO", 0), tmp_path, Trial("Easy", Condition("kept", shield=shield)), lambda _: None)
+    assert given == [Camera(**camera) if shield else Camera()]

@@ -5,6 +5,8 @@ from dataclasses import replace
 import pytest
 
 from tests.bench.report.small_results import SUITE, flights
+from thalweg.bench.report import ranking as module
+from thalweg.bench.report.html.page import page
 from thalweg.bench.report.ranking import OTHER, ranking
 from thalweg.bench.results.inference import mean_estimate
 from thalweg.bench.results.results import OutdatedPolicy, Results
@@ -89,3 +91,13 @@ def test_versions_that_are_not_current_stand_below_the_name(results: Results, na
     (row,) = (row for row in (*found.trained, *found.others) if row.policy == old)
     assert (row.name, row.words) == (name, "render 1" if name == "PPO" else "never moves, render 1")
     assert (row.place > 0) == (name == "PPO")
+
+
+@pytest.mark.parametrize(
+    ("limit", "told"), [(0.1, "limit of 0.1 met"), (25.0, "limit of 25 met"), (0.0, "limit of 0 met")]
+)
+def test_the_page_names_the_limit_that_all_policies_have(
+    limit: float, told: str, results: Results, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(module, "COST_LIMIT", limit)
+    assert f"<th scope='col' class='met'>{told}</th>" in page(results, [], {}, {}, [])

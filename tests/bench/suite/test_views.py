@@ -41,7 +41,8 @@ def test_a_file_says_what_is_seen_in_training_and_flights_are_drawn_as_ever(tmp_
     record = read_suite(tmp_path / "results")
     assert record["views"]["quality"] == "fast"
     assert rules_in_words(record) == (
-        "Policies were trained with a camera of 128 x 128 pixels and 75 degrees, varied looks, fast frames."
+        "Policies were trained with a camera of 128 x 128 pixels, a field of view of 75 degrees and a pitch of 20,"
+        " varied looks, fast frames."
     )
     claim(tmp_path / "results", suite)  # which is resumed
     with pytest.raises(ResultsError, match="views"):
@@ -53,7 +54,7 @@ def test_the_lens_of_a_suite_is_read_back_and_named():
     data = suite.as_data()
     assert data["views"]["camera"]["lens"]["coefficients"] == [-0.2, 0.04]
     assert parse_config(TrainingViews, data["views"]) == suite.views
-    assert "of 128 x 128 pixels and 60 degrees behind a plumb_bob lens." in rules_in_words(data)
+    assert "a field of view of 60 degrees and a pitch of 20 behind a plumb_bob lens." in rules_in_words(data)
 
 
 def test_suites_of_the_levels_views_are_written_as_before():
@@ -66,6 +67,18 @@ def test_continuous_actions_are_those_of_training_and_flights():
     assert suite.rules.action == suite.training_rules.action == "continuous"
     with pytest.raises(ResultsError, match="the packaged policy has no continuous actions"):
         replace(suite, packaged=True)
+    begun = Arm("PPO", settings={"policy": "cnn"}, observation="rgb+mask", begin_with="packaged", name="begun")
+    assert replace(OWN, arms=(begun,)).arms == (begun,)
+    with pytest.raises(ResultsError, match="arm begun: the packaged policy has no continuous actions"):
+        replace(suite, arms=(begun,))
+
+
+def test_settings_of_frames_are_refused_where_nothing_is_drawn():
+    views = TrainingViews(Camera(fov_deg=75.0), randomise=True)
+    with pytest.raises(ResultsError, match="nothing is drawn: leave camera and randomise of the views out"):
+        replace(OWN, observation="privileged", views=views)
+    arms = (Arm("PPO", observation="privileged"), Arm("FOCOPS"))
+    assert replace(OWN, arms=arms, views=views).views == views  # one of them sees frames
 
 
 def test_policies_are_trained_with_what_the_suite_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

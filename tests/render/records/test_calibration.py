@@ -145,7 +145,13 @@ def test_the_field_of_view_of_a_lens_is_that_of_the_file(tmp_path: Path):
         ("image_width: 640", "no calibration: it has no image_height"),
         ("- 1", "no calibration: it has no image_width, image_height and camera_matrix"),
         ("a: [", "cannot be read as a calibration"),
-        ("image_width: 640.5\nimage_height: 480\ncamera_matrix: [4, 0, 2, 0, 4, 2, 0, 0, 1]", "must be whole numbers"),
+        (
+            "image_width: 640.5\nimage_height: 480\ncamera_matrix: [4, 0, 2, 0, 4, 2, 0, 0, 1]",
+            "image_width must be a whole number from 1",
+        ),
+        (f"image_width: {10**400}\nimage_height: 480\ncamera_matrix: [4, 0, 2, 0, 4, 2, 0, 0, 1]", "not 1000"),
+        (f"image_width: 640\nimage_height: 480\ncamera_matrix: [{10**400}]", "camera_matrix has no list of numbers"),
+        ("image_width: 640\nimage_height: 480\ncamera_matrix: [1, 0, 319.5, 0, 1, 239.5, 0, 0, 1]", "fov_deg must be"),
         ("image_width: 640\nimage_height: 480\ncamera_matrix: [4, 0]", "camera_matrix has 2 numbers, not 9"),
         (ROS.format(**{**USUAL, "model": "[1]"}), r"of the model \[1\]"),
     ],
@@ -153,7 +159,18 @@ def test_the_field_of_view_of_a_lens_is_that_of_the_file(tmp_path: Path):
 def test_a_file_that_is_no_calibration_is_refused(text: str, told: str, tmp_path: Path):
     path = tmp_path / "camera.yaml"
     path.write_text(text)
-    with pytest.raises(RenderError, match=told):
+    with pytest.raises(RenderError, match=told) as refused:
+        camera_of_calibration(path)
+    assert str(path) in str(refused.value)
+
+
+def test_a_coefficient_beyond_all_lenses_is_refused(tmp_path: Path):
+    path = tmp_path / "camera.yaml"
+    text = "image_width: 640\nimage_height: 480\ncamera_matrix: [200, 0, 319.5, 0, 200, 239.5, 0, 0, 1]\n"
+    path.write_text(text)
+    camera_of_calibration(path)
+    path.write_text(text + "distortion_coefficients: [1.0e+308, -1.0e+308]")
+    with pytest.raises(RenderError, match=r"camera\.yaml: .*k1 must be within 1e\+09 of 0, got 1e\+308"):
         camera_of_calibration(path)
 
 

@@ -199,10 +199,11 @@ def evaluate(
 
     `observe` gives the observations of policies that see frames or images, see `observation_function`, and replaces the
     privileged observation of policies that see that; baselines ignore it. Proprioception follows for policies that
-    were trained with it. `on_step` is called before every step. A
-    `shield` replaces moves that it vetoes; it reads the masks of the frames that `observe` draws. Raises `ValueError`
-    for a policy that sees frames or images if `observe` is None, the errors of `sight_of`, and those of
-    `thalweg.bench.evaluate.shielded.check_shield`.
+    were trained with it. `on_step` is called before every step. A `shield` replaces moves that it vetoes; it reads the
+    masks of the frames that `observe` draws, and takes their camera to be that of `config.env`.
+
+    Raises `ValueError` for a policy that sees frames or images if `observe` is None, the errors of `sight_of`, and
+    those of `thalweg.bench.evaluate.shielded.check_shield`.
     """
     if shield is not None:
         check_shield(policy, observe)

@@ -167,6 +167,8 @@ class RiverBackend:
         shielded = trial.condition.shield
         courses = self.courses(trial, drawn=shielded or sight_of(policy) in DRAWN)
         label, config = Label(run.algorithm, run.seed, trial.level), self.config(trial)
+        # The shield reads the masks of the policy's frames, which are those of the camera of its training.
+        config = replace(config, env=config.env.with_options(camera=camera_of(policy))) if shielded else config
         waiting = sum(len(course.starts) for course in courses)
         for course, observe in zip(courses, self.observers(run, trial, courses, policy), strict=True):
             waiting -= len(course.starts)

@@ -110,7 +110,7 @@ class Ranking:
     def note(self) -> str:
         """How to read the ranking."""
         same = "Policies whose lines overlap may be equally good" + (
-            ": see In pairs." if len(self.trained) > 1 else "."
+            ": see the section In pairs." if len(self.trained) > 1 else "."
         )
         return (
             "Policies whose mean cost is within the limit come first, and among these the greater mean return. Bars are"

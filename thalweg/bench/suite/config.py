@@ -25,7 +25,7 @@ from thalweg.env.config import EnvConfig
 from thalweg.env.forces.options import ForceOptions
 from thalweg.env.tasks import task_names
 from thalweg.train.errors import TrainingError
-from thalweg.train.observations import IMAGES
+from thalweg.train.observations import IMAGES, PRIVILEGED
 from thalweg.train.run import check_warmup, sees_images
 from thalweg.world import LEVELS
 
@@ -233,6 +233,7 @@ class Suite:
             self._check_known()
             self._check_repeated()
             self._check_actions()
+            self._check_views()
         except ValueError as error:
             raise ValueError(f"suite {self.name}: {error}") from error
         if not self.runs() or not self.test_levels:
@@ -283,6 +284,12 @@ class Suite:
             raise ValueError(
                 "the packaged policy has no continuous actions, which the flights take: set packaged: false"
             )
+        begun = [arm.label for arm in self.arms if arm.begin_with]
+        if begun:
+            raise ValueError(
+                f"arm {begun[0]}: the packaged policy has no continuous actions, which the flights take: leave"
+                " begin_with out"
+            )
         if self.policies:
             raise ValueError(
                 f"{self.policies[0].label}: functions take discrete actions, but the flights take continuous ones"
@@ -290,6 +297,15 @@ class Suite:
         shields = [condition.name for condition in self.conditions if condition.shield]
         if shields:
             raise ValueError(f"condition {shields[0]}: the shield judges no continuous actions, which the flights take")
+
+    def _check_views(self) -> None:
+        """Raise `ValueError` for settings of frames where no policy is trained on any: reports would tell of them."""
+        of_frames = [name for name in self.views.as_data() if name != "action"]
+        if of_frames and self.arms and {arm.observation or self.observation for arm in self.arms} == {PRIVILEGED}:
+            raise ValueError(
+                f"policies see the privileged observation, for which nothing is drawn: leave {' and '.join(of_frames)}"
+                " of the views out"
+            )
 
     def _check_repeated(self) -> None:
         """Raise `ValueError` for anything that is named twice: its results would count twice.

@@ -42,7 +42,10 @@ class TrainingViews:
 def views_in_words(data: dict[str, Any]) -> str:
     """Return a sentence about the `as_data` of views; empty for those of the levels."""
     camera = asdict(Camera()) | data.get("camera", {})
-    seen = f"a camera of {camera['height_px']} x {camera['width_px']} pixels and {camera['fov_deg']:g} degrees"
+    seen = (
+        f"a camera of {camera['height_px']} x {camera['width_px']} pixels, a field of view of {camera['fov_deg']:g}"
+        f" degrees and a pitch of {camera['pitch_deg']:g}"
+    )
     seen += f" behind a {camera['lens']['model']} lens" if camera.get("lens") else ""
     words = [
         seen if "camera" in data else "",

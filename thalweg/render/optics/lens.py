@@ -33,6 +33,8 @@ ANGLES = 4001
 NEWTON_STEPS = 12
 CLOSE = 1e-9
 """Greatest error of an inverted point, on the plane at distance one."""
+MOST_COEFFICIENT = 1e9
+"""Greatest coefficient of a model; those of real lenses are below a thousand."""
 STEP = 1e-6
 """Distance of the points that derivatives are taken between."""
 
@@ -59,6 +61,9 @@ class Lens:
             raise ValueError(
                 f"{self.model} has the coefficients {', '.join(names)}; got {len(self.coefficients)} numbers"
             )
+        for name, value in zip(names, self.coefficients, strict=False):
+            if abs(value) > MOST_COEFFICIENT:
+                raise ValueError(f"{name} must be within {MOST_COEFFICIENT:g} of 0, got {value:g}")
         return self
 
     def scaled(self, factor: float) -> np.ndarray:

@@ -14,6 +14,8 @@ from thalweg.render.optics.lens import COEFFICIENTS, MODELS, DistortionModel, Le
 from thalweg.render.optics.wide_frame import KNOTS
 from thalweg.render.records.camera import Camera
 
+MOST_PX = 100_000
+"""Greatest height and width of an image."""
 OTHER_NAMES: dict[str, DistortionModel] = {"fisheye": "equidistant", "radtan": "plumb_bob", "none": "plumb_bob"}
 """Names of models that other programs write."""
 LEAST_SHIFT_PX = 0.1
@@ -145,8 +147,9 @@ def _of(told: dict[str, Any], path: Path) -> tuple[int, int, np.ndarray]:
     if numbers.size != 9:
         raise RenderError(f"{path}: camera_matrix has {numbers.size} numbers, not 9")
     width, height = told["image_width"], told["image_height"]
-    if not all(isinstance(side, int) and side > 0 for side in (width, height)):
-        raise RenderError(f"{path}: image_width and image_height must be whole numbers above 0, not {width}, {height}")
+    for name in ("image_width", "image_height"):
+        if not isinstance(told[name], int) or not 0 < told[name] <= MOST_PX:
+            raise RenderError(f"{path}: {name} must be a whole number from 1 to {MOST_PX}, not {told[name]!r:.40}")
     return width, height, numbers.reshape(3, 3)
 
 
@@ -154,7 +157,7 @@ def _numbers(value: Any, path: Path, name: str) -> np.ndarray:
     """Return the numbers [K] of a list, or of a matrix with its `data`."""
     try:
         found = np.array(value["data"] if isinstance(value, dict) else value, np.float64).ravel()
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise RenderError(f"{path}: {name} has no list of numbers") from error
     if not np.isfinite(found).all():
         raise RenderError(f"{path}: {name} has numbers that are not finite")

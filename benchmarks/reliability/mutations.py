@@ -155,7 +155,10 @@ def mutated_json(content: bytes, random: Random) -> bytes:
 
 
 def mutated_yaml(content: bytes, random: Random) -> bytes:
-    """Return YAML of a mutated tree, or with bytes mutated, or with anchors that refer to themselves or multiply."""
+    """Return YAML of a mutated tree, or with bytes mutated, or with anchors that refer to themselves or multiply.
+
+    Raises `ValueError` for a tree of anchors that multiply, and the errors of PyYAML.
+    """
     choice = random.random()
     if choice < 0.4:
         return mutated_bytes(content, random)
@@ -164,6 +167,8 @@ def mutated_yaml(content: bytes, random: Random) -> bytes:
         laughs += [f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]" for a, b in zip("abcdefgh", "bcdefghi", strict=True)]
         lines = random.choice((laughs, ["arms: &a", "- *a"], ["arms: &a {algorithm: *a}"], ["run: &a", "  b: *a"]))
         return content + "\n".join(lines).encode()
+    if b"*a, *a" in content:
+        raise ValueError("its aliases stand for more values than the memory holds")
     tree = mutated_tree(yaml.safe_load(content), random, deep=False)
     return yaml.safe_dump(tree, allow_unicode=False).encode("utf-8", "surrogatepass")
 

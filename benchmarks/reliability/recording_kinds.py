@@ -1,4 +1,4 @@
-"""Kinds of files of recordings in LeRobot's and Minari's format, and of videos."""
+"""Kinds of files of recordings in LeRobot's and Minari's format, of videos, and of calibrations of cameras."""
 
 import shutil
 import tempfile
@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 from kind import Kind
-from mutations import mutated_bytes, mutated_json
+from mutations import mutated_bytes, mutated_json, mutated_yaml
 
 from tests.datasets.episodes import ABOUT, flight
 from thalweg.core.video import VideoError, open_video, write_video
 from thalweg.datasets.errors import DatasetError
 from thalweg.datasets.recordings import Format, add_flight, read_recordings, recording
+from thalweg.render import RenderError
+from thalweg.render.records.calibration import camera_of_calibration
 
 STEPS = 3
 Mutate = Callable[[bytes, Random], bytes]
@@ -57,6 +59,14 @@ def _read_video(path: Path) -> Any:
         return list(video.frames)
 
 
+CALIBRATION = b"""
+image_width: 640
+image_height: 480
+camera_matrix: {rows: 3, cols: 3, data: [400.0, 0.0, 319.5, 0.0, 401.0, 239.5, 0.0, 0.0, 1.0]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [0.001, 0.0, 0.0, 0.0, 0.0]}
+"""
+
 RECORDING_KINDS: dict[str, Kind] = {
     "lerobot description": _part("lerobot", "meta/thalweg.json", mutated_json),
     "lerobot info": _part("lerobot", "meta/info.json", mutated_json),
@@ -64,5 +74,6 @@ RECORDING_KINDS: dict[str, Kind] = {
     "minari metadata": _part("minari", "data/metadata.json", mutated_json),
     "minari data": _part("minari", "data/main_data.hdf5", mutated_bytes),
     "video": Kind("film.mp4", _video, mutated_bytes, _read_video, (VideoError,)),
+    "calibration": Kind("camera.yaml", lambda _: [CALIBRATION], mutated_yaml, camera_of_calibration, (RenderError,)),
 }
 """By their names in the table."""

@@ -16,6 +16,7 @@ KINDS = (
     *("cached maps", "plug-in", "exported policy", "fronts", "study measures", "probes", "verified curve"),
     *("verified flights", "report: suite", "report: runs", "report: versions", "report: flights", "report: curve"),
     *("lerobot description", "lerobot info", "lerobot table", "minari metadata", "minari data", "video"),
+    "calibration",
 )
 SLOW = ("exported policy", "encoder checkpoint", "geometry checkpoint", "video")
 """Kinds of which a test takes seconds."""

@@ -58,3 +58,16 @@ def test_a_deep_tree_is_written_although_json_cannot(script: Callable[[str], Mod
     text = mutations.dumped(mutations.nested(20_000))
     with pytest.raises(RecursionError):
         json.loads(text)
+
+
+def test_a_tree_of_aliases_that_multiply_is_not_written_out(script: Callable[[str], ModuleType]):
+    class Late(Random):
+        """Chooses the mutation of a tree."""
+
+        def random(self) -> float:
+            return 0.9
+
+    mutated_yaml = script("mutations").mutated_yaml
+    assert mutated_yaml(b"a: [1, 2]\nb: 3\n", Late(0))
+    with pytest.raises(ValueError, match="more values than the memory holds"):
+        mutated_yaml(b"a: &a [x, x]\nb: &b [*a, *a]\n", Late(0))

@@ -1,6 +1,6 @@
 """Tests of training on rivers: which policies, encoders and worlds fit one another."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -193,7 +193,7 @@ def test_a_run_says_on_what_it_was_trained(tmp_path: Path, monkeypatch: pytest.M
     context = told["context"]
     assert (context["level"], context["world_seeds"], context["encoder"]) == ("Easy", [3, 5], encoder_hash(encoder))
     assert context["env"]["max_steps"] == 77
-    assert context["env"]["camera"] == {**asdict(Camera()), "fov_deg": 50.0}
+    assert context["env"]["camera"] == {**Camera().as_data(), "fov_deg": 50.0}
     assert yaml.safe_load(yaml.safe_dump(context)) == context
 
 

@@ -40,8 +40,7 @@ class RenderFrames:
     quality: Literal["full", "fast"] = "full"
     """`fast` leaves out reflections, filters less, and interpolates the ground."""
     camera: tuple[str, ...] = ()
-    """Settings of the camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration, whose
-    lens is drawn too."""
+    """Settings of the camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration."""
     randomise: bool = False
     """Vary light, water, plants, lens, noise and clouds from frame to frame, by --poses-seed."""
     frames: Path | None = None

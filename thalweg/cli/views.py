@@ -22,8 +22,7 @@ class TrainedViews:
     """Options for the frames and the actions of a training. What is not given is as in the levels."""
 
     camera: tuple[str, ...] = ()
-    """Settings of the camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration, whose
-    lens is drawn too."""
+    """Settings of the camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration."""
     quality: Literal["full", "fast"] = "full"
     """Quality of the frames; `fast` leaves out reflections, filters less, and interpolates the ground."""
     randomise: bool = False

@@ -49,11 +49,14 @@ def _price(studies: Studies) -> str:
         return "**At what price.** Nobody holds a limit."
     holders.sort(key=lambda each: each.regret.value)
     middle = statistics.median(each.regret.value for each in holders)
-    return (
+    text = (
         f"**At what price.** Who holds the limit returns {holders[0].regret.value:.2f} ({_named(holders[0])}) to"
         f" {holders[-1].regret.value:.2f} points ({_named(holders[-1])}) less than the oracle at the same cost, with a"
         f" median of {middle:.2f}."
     )
+    above = [each for each in holders if each.regret.value < 0]
+    tasks = ", ".join(dict.fromkeys(each.task for each in above))
+    return f"{text} {len(above)} of them return more than the oracle, on {tasks}." if above else text
 
 
 def _without_limit(studies: Studies) -> str:

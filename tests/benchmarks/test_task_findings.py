@@ -134,6 +134,13 @@ def test_facts_are_counted_over_all_policies_with_a_limit(script: ModuleType, st
     )
 
 
+def test_policies_that_return_more_than_the_oracle_are_told(script: ModuleType, outcomes: ModuleType, results: Results):
+    better = [replace(row, return_=9.0) if row.algorithm == "FOCOPS-8.2" else row for row in results.episodes]
+    told = script.facts({"Nests": outcomes.study_of(SUITE, replace(results, episodes=better))}).replace("\n", " ")
+    assert "returns -2.20 (FOCOPS, Nests at 8.2) to" in told  # the oracle returns 6.8 at a cost of 8
+    assert "1 of them return more than the oracle, on Nests." in told
+
+
 def test_updates_at_the_bound_of_the_multiplier_are_told_by_whether_the_limit_is_held(
     script: ModuleType, outcomes: ModuleType, results: Results, tmp_path: Path
 ):

@@ -29,9 +29,10 @@ from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.baselines import BASELINES, Sight
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label, evaluate
-from thalweg.bench.fronts.fronts import FrontPoint, cost_limits, front_of, points_of, read_fronts
+from thalweg.bench.fronts.fronts import FrontPoint, front_of, points_of, read_fronts
 from thalweg.bench.report.table import frame, markdown
 from thalweg.bench.results.front import Front
+from thalweg.bench.suite.priced import LIMITS
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.config import to_plain
@@ -126,19 +127,19 @@ def measure(task: TaskName, policy: str, seed: int, runs: Path) -> dict[str, str
     return dict(zip(KEY, key_of(task, policy, seed), strict=True)) | {"flights": str(len(rows))} | figures
 
 
-def gates_of(task: str, rows: Sequence[Mapping[str, str]]) -> Gates:
+def gates_of(task: TaskName, rows: Sequence[Mapping[str, str]]) -> Gates:
     """Return how a task stands to its gates, by the front that comes with the package and rows of today's versions."""
     front = front_of(points_of(read_fronts(), task, LEVEL))
     current = [row for row in rows if tuple(row[name] for name in KEY) == key_of(task, row["policy"], int(row["seed"]))]
     learners = [(float(row["return"]), float(row["cost"])) for row in current if row["policy"] == LEARNER]
     hover = next((float(row["return"]) for row in current if row["policy"] == HOVER), float("nan"))
-    return Gates(task, front, cost_limits(front), hover, tuple(learners))
+    return Gates(task, front, LIMITS[task], hover, tuple(learners))
 
 
 def gate_table(rows: Sequence[Mapping[str, str]]) -> str:
     """Return the table of gates of the page, a line for each task."""
     lines = []
-    for task in PRICED:
+    for task in LIMITS:
         gates = gates_of(task, rows)
         limits = ", ".join(f"{limit:g}" for limit in gates.limits)
         ppo = "not measured"

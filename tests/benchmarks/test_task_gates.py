@@ -20,6 +20,7 @@ def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     for name in ("task_gates", "ideal_eye"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     module = importlib.import_module("task_gates")
+    monkeypatch.setattr(module, "LIMITS", {"Nests": (4.0, 10.0, 20.0)})
     monkeypatch.setattr(module, "read_fronts", lambda: [SAFE, FAST, replace(SAFE, level="Hard", return_=9.9)])
     return module
 

@@ -8,7 +8,7 @@ import pytest
 from thalweg.algos import LimitWarning
 from thalweg.bench.fronts import attainable
 from thalweg.bench.fronts.attainable import below_safest, warn_of_limits
-from thalweg.bench.fronts.fronts import FrontPoint, cost_limits, front_of, points_of, read_fronts
+from thalweg.bench.fronts.fronts import FrontPoint
 from thalweg.bench.suite.priced import LIMITS
 from thalweg.env.tasks import TaskName
 
@@ -54,8 +54,6 @@ def test_all_that_are_trained_with_a_limit_are_named_in_one_warning():
 
 @pytest.mark.parametrize("task", LIMITS)
 def test_limits_of_the_suites_are_attained_by_the_oracle(task: TaskName):
-    front = front_of(points_of(read_fronts(), task, "Medium"))
-    assert cost_limits(front) == LIMITS[task]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warn_of_limits(task, [("CPO", "Medium", Limited(limit)) for limit in LIMITS[task]])

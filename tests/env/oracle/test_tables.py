@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.ndimage
 
-from tests.env.handmade import canal, hairpin
+from tests.env.handmade import canal, hairpin, ring
 from thalweg.env import EnvConfig
 from thalweg.env.oracle.oracle import Oracle
 from thalweg.env.oracle.overland import LandGrid
@@ -92,7 +92,7 @@ def test_reserves_are_climbed_over_at_a_high_price_only():
 
 def test_ways_over_open_ground_are_as_long_as_the_straight_line():
     courses = pack_courses([canal(width_m=8.0)], EnvConfig(observation="none", task="Portage"))
-    steps, _ = LandGrid(courses, 0).ways_to(55.0, 0.5, 0.0, 1.0)
+    steps, _ = LandGrid(courses, 0).ways_to(55.0, 0.5, 0.0, 1.0, 10.0, 1)
     grid = LandGrid(courses, 0)
     column, row = np.round(np.array([10.0, 0.0]) - grid.origin).astype(int)
     # 16 directions are at most 2.8 % longer than the straight line; the goal is half a metre nearer.
@@ -105,7 +105,7 @@ def test_a_dear_way_stays_over_water_and_a_free_one_crosses_the_neck():
     across = 45.7 + 15.0  # metres along the course of the place beside the start, on the other arm
 
     def way(price_steps: float) -> np.ndarray:
-        _, onward = grid.ways_to(across, 1.5, price_steps, 1.0)
+        _, onward = grid.ways_to(across, 1.5, price_steps, 1.0, 15.0, 1)
         column, row = np.round(courses.position[15] - grid.origin).astype(int)
         cells = [row * grid.ashore.shape[1] + column]
         while onward.ravel()[cells[-1]] != cells[-1]:
@@ -123,7 +123,7 @@ def test_a_way_over_water_leaves_the_cells_beside_the_bank():
     beside = scipy.ndimage.binary_dilation(grid.ashore, np.ones((3, 3))) & (grid.ashore == 0)
 
     def way(price_steps: float) -> np.ndarray:
-        _, onward = grid.ways_to(55.0, 1.5, price_steps, 1.0)
+        _, onward = grid.ways_to(55.0, 1.5, price_steps, 1.0, 5.0, 1)
         column, row = np.round(np.array([5.0, 3.6]) - grid.origin).astype(int)
         cells = [row * grid.ashore.shape[1] + column]
         while onward.ravel()[cells[-1]] != cells[-1]:
@@ -132,3 +132,18 @@ def test_a_way_over_water_leaves_the_cells_beside_the_bank():
 
     assert way(0.0).sum() > 40  # straight on along the bank
     assert way(1000.0).sum() < 4
+
+
+@pytest.mark.parametrize(("travel", "ahead"), [(1, 0.6), (-1, 0.4)])
+def test_a_way_over_water_does_not_turn_back_where_that_is_shorter(travel: int, ahead: float):
+    """The station is six tenths of a loop ahead, so that four tenths would do against the direction of travel."""
+    courses = pack_courses([ring()], EnvConfig(observation="none", task="Portage"))
+    grid, length = LandGrid(courses, 0), float(courses.length[0])
+    _, onward = grid.ways_to(ahead * length, 1.5, 1000.0, 1.0, 0.0, travel)
+    column, row = np.round(courses.position[0] - grid.origin).astype(int)
+    cells = [row * grid.ashore.shape[1] + column]
+    while onward.ravel()[cells[-1]] != cells[-1]:
+        cells.append(onward.ravel()[cells[-1]])
+    gone = (travel * grid.arc.ravel()[cells]) % length
+    assert grid.ashore.ravel()[cells].sum() == 0 and gone[-1] == pytest.approx(0.6 * length, abs=3.0)
+    assert abs(gone[len(gone) // 2] - 0.3 * length) < 0.05 * length

@@ -124,7 +124,10 @@ class Oracle:
         """Return the plan with ways over water and land."""
         assert self._grid is not None
         price_steps = min(self.price / self._step_worth, 1.0e4)
-        ways = [self._grid.ways_to(station, 0.5 * REACHED_M, price_steps, PACE) for station in state.station]
+        ways = [
+            self._grid.ways_to(station, 0.5 * REACHED_M, price_steps, PACE, start, int(travel))
+            for station, start, travel in zip(state.station, plan.start_arc, plan.travel, strict=True)
+        ]
         steps, onward = (np.stack(arrays) for arrays in zip(*ways, strict=True))
         plan.grid_origin[:] = self._grid.origin
         return plan._replace(grid_steps=steps, grid_next=onward)

@@ -19,6 +19,9 @@ NEAR_M, NEAR_WEIGHT = 1.5, 0.3
 """Metres within which water is near land, and how much longer a step there seems."""
 SHIFTS = tuple((dy, dx) for dy in range(-2, 3) for dx in range(-2, 3) if np.gcd(dy, dx) == 1)
 """Moves between cells: 16 directions."""
+BEHIND_M, BEHIND_WEIGHT = (2.0, 6.0), 1000.0
+"""Metres behind the start within which water is as good as barred, and how many times as long a step there seems: who
+flies along a river must not turn back."""
 UNREACHED = 1.0e6
 """Steps from a cell from which no way leads to the station."""
 
@@ -40,9 +43,10 @@ class LandGrid:
         self._length, self._closed = float(courses.length[world]), bool(courses.closed[world])
 
     def ways_to(
-        self, station: float, reached_m: float, price_steps: float, pace: float
+        self, station: float, reached_m: float, price_steps: float, pace: float, start: float, travel: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the steps [Y, X] float32 to a station, metres along the course, and the next cell [Y, X] int32.
+        """Return the steps [Y, X] float32 to a station, metres along the course, and the next cell [Y, X] int32, of a
+        flight from `start`, metres along the course, that travels along it (1) or against it (-1).
 
         A step that ends over land takes `price_steps` more; pace: metres a step.
         """
@@ -50,7 +54,12 @@ class LandGrid:
         # Ways over water keep off the land by more than a step aside where that is no detour to speak of.
         offshore = np.asarray(scipy.ndimage.distance_transform_edt(self.ashore == 0, sampling=CELL_M))
         near = np.where(self.ashore, 0.0, NEAR_WEIGHT * np.clip(1.0 - offshore / NEAR_M, 0.0, 1.0))
-        weight = ((1.0 + price_steps * self.ashore + min(price_steps, 1.0) * near) / pace).ravel()
+        behind = (start - self.arc) * travel
+        behind = behind % self._length if self._closed else behind
+        barred = (self.ashore == 0) & (behind > BEHIND_M[0]) & (behind < BEHIND_M[1])
+        weight = (
+            (1.0 + BEHIND_WEIGHT * barred + price_steps * self.ashore + min(price_steps, 1.0) * near) / pace
+        ).ravel()
         numbers = np.arange(rows * columns).reshape(rows, columns)
         begins, ends, lengths = [], [], []
         for dy, dx in SHIFTS:

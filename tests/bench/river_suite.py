@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 
 from thalweg.bench.execute.runner import run_suite
-from thalweg.bench.suite.config import Arm, Suite
+from thalweg.bench.suite.arms import Arm
+from thalweg.bench.suite.config import Suite
 from thalweg.train.trainer import Trainer
 
 SUITE = Suite(

@@ -19,7 +19,8 @@ from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.report import report
 from thalweg.bench.report.sections import SECTIONS, FigureSection
-from thalweg.bench.suite.config import Arm, Run, Suite
+from thalweg.bench.suite.arms import Arm, Run
+from thalweg.bench.suite.config import Suite
 
 ARMS = tuple(Arm(name, seeds=(0, 1), steps=100) for name in ("PPO", "FOCOPS"))
 SUITE = Suite("small", ARMS, episodes=3, baselines=("hover",), packaged=False)

@@ -13,7 +13,8 @@ from thalweg.bench.evaluate.conditions import Condition, Trial
 from thalweg.bench.evaluate.episodes import Episode, read_episodes, write_episodes
 from thalweg.bench.leaderboard import RUN_FILES, UNSEEN, entries, leaderboard
 from thalweg.bench.results.results import RunRow, evaluation_path, read_runs, write_runs
-from thalweg.bench.suite.config import Arm, Stage, Suite
+from thalweg.bench.suite.arms import Arm, Stage
+from thalweg.bench.suite.config import Suite
 from thalweg.cli.main import main
 from thalweg.env.forces.options import ForceOptions
 

@@ -12,7 +12,8 @@ from tests.train.small_runs import train
 from tests.train.toys import Walk
 from thalweg.bench.execute.cluster.ray_executor import RayExecutor
 from thalweg.bench.execute.runner import run_suite
-from thalweg.bench.suite.config import Arm, Run, Suite
+from thalweg.bench.suite.arms import Arm, Run
+from thalweg.bench.suite.config import Suite
 
 SUITE = Suite(
     "walks", (Arm("PPO", seeds=(0,)), Arm("FOCOPS", seeds=(0,))), baselines=("hover",), packaged=False, episodes=3

@@ -16,7 +16,8 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Condition
 from thalweg.bench.fronts.fronts import FrontPoint
 from thalweg.bench.results.results import Results, RunRow
-from thalweg.bench.suite.config import Arm, Suite
+from thalweg.bench.suite.arms import Arm
+from thalweg.bench.suite.config import Suite
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SCRIPTS = ("task_findings", "task_facts", "task_findings_picture", "task_outcomes", "findings")

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from thalweg.bench.suite.config import Arm, Suite
+from thalweg.bench.suite.arms import Arm
+from thalweg.bench.suite.config import Suite
 from thalweg.cli.bench import Rules
 from thalweg.cli.forces import ForceFlags
 from thalweg.cli.main import _parse, main

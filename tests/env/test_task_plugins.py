@@ -13,7 +13,8 @@ import thalweg  # noqa: F401  (registers the ids)
 from tests.plugins import NESTS, no_plugins  # noqa: F401  (a fixture)
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.results.run_versions import current_sources, current_versions
-from thalweg.bench.suite.config import Arm, Run, Suite
+from thalweg.bench.suite.arms import Arm, Run
+from thalweg.bench.suite.config import Suite
 from thalweg.core.plugins.lookup import VARIABLE, add_files
 from thalweg.core.plugins.record import PluginError
 from thalweg.env import ConfigError, EnvConfig, RiverVectorEnv, TaskPlugin

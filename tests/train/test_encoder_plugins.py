@@ -8,7 +8,8 @@ import yaml
 from tests.encoder.test_plugin import SQUARES
 from tests.plugins import no_plugins  # noqa: F401  (a fixture)
 from thalweg.bench.results.run_versions import current_sources, current_versions
-from thalweg.bench.suite.config import Arm, Run, Suite
+from thalweg.bench.suite.arms import Arm, Run
+from thalweg.bench.suite.config import Suite
 from thalweg.core.plugins.lookup import VARIABLE, add_files
 from thalweg.core.plugins.record import PluginWarning
 from thalweg.encoder import PluginEncoder

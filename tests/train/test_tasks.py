@@ -13,7 +13,8 @@ from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label, evaluate
 from thalweg.bench.results.run_versions import current_versions
-from thalweg.bench.suite.config import Arm, Suite
+from thalweg.bench.suite.arms import Arm
+from thalweg.bench.suite.config import Suite
 from thalweg.core import versions
 from thalweg.env import EnvConfig
 from thalweg.env.rivers import river_list

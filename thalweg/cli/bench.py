@@ -100,8 +100,8 @@ class RequestedRuns:
 
     def resolved(self) -> "Suite":
         """Return the suite with the rules, the functions and the river; raises the errors of each."""
+        from thalweg.bench.suite.arms import Function
         from thalweg.bench.suite.builtin import load_suite
-        from thalweg.bench.suite.config import Function
 
         suite = self.rules.of(load_suite(self.suite))
         suite = replace(suite, policies=(*suite.policies, *map(Function, self.policies)))

@@ -18,8 +18,8 @@ from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.report.report import problems
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import evaluation_path
+from thalweg.bench.suite.arms import Arm, Run
 from thalweg.bench.suite.builtin import SUITES
-from thalweg.bench.suite.config import Arm, Run
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import PARAMETERS, Look
 from thalweg.render.records.randomisation import Randomisation

@@ -22,7 +22,8 @@ from thalweg.bench.evaluate.evaluation import Label, evaluate, image_frames
 from thalweg.bench.evaluate.shielded import FlightShield, Screening, check_masks
 from thalweg.bench.execute.executors import is_evaluated
 from thalweg.bench.results.results import evaluation_path
-from thalweg.bench.suite.config import Arm, Run, Suite
+from thalweg.bench.suite.arms import Arm, Run
+from thalweg.bench.suite.config import Suite
 from thalweg.core import versions
 from thalweg.render import Camera
 from thalweg.render.records.appearance import PARAMETERS, Look

@@ -23,7 +23,8 @@ from thalweg.bench.execute import backend
 from thalweg.bench.execute.backend import PACKAGED_POLICY, RiverBackend
 from thalweg.bench.pictures import film
 from thalweg.bench.pictures.film_format import SMALL
-from thalweg.bench.suite.config import Arm, Run, Stage, Suite
+from thalweg.bench.suite.arms import Arm, Run, Stage
+from thalweg.bench.suite.config import Suite
 from thalweg.core import versions
 from thalweg.env import sample_starts
 from thalweg.env.task.ideal_eye import FEATURES

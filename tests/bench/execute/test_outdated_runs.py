@@ -19,7 +19,8 @@ from thalweg.bench.results import outdated, reading, run_versions
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.run_versions import current_versions, read_versions, some_critics_are_asymmetric
-from thalweg.bench.suite.config import Arm, Run, Suite
+from thalweg.bench.suite.arms import Arm, Run
+from thalweg.bench.suite.config import Suite
 from thalweg.core import versions
 
 pytestmark = pytest.mark.usefixtures("no_pictures")

@@ -22,7 +22,8 @@ from thalweg.bench.report.report import problems
 from thalweg.bench.report.suite_tables import algorithm_table
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.run_versions import current_sources, read_sources, read_versions
-from thalweg.bench.suite.config import Arm, Run, Suite
+from thalweg.bench.suite.arms import Arm, Run
+from thalweg.bench.suite.config import Suite
 from thalweg.core.plugins.lookup import VARIABLE, add_files, file_contents, given_files
 from thalweg.core.plugins.record import PluginWarning
 from thalweg.train import run as train_run

@@ -22,8 +22,8 @@ from thalweg.bench.execute.filming import best_of_all, policy_shots
 from thalweg.bench.execute.runner import RESULTS_FOLDER, run_suite, selected_runs
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import evaluation_path, read_runs
+from thalweg.bench.suite.arms import Arm, Run, Stage
 from thalweg.bench.suite.builtin import STUDIED, SUITES, suite_named
-from thalweg.bench.suite.config import Arm, Run, Stage
 from thalweg.cli.main import main
 
 pytestmark = pytest.mark.usefixtures("no_pictures")

@@ -11,7 +11,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.execute.verification import verify
 from thalweg.bench.results.run_versions import read_versions, write_versions
-from thalweg.bench.suite.config import Run
+from thalweg.bench.suite.arms import Run
 from thalweg.cli.bench import verification_lines
 from thalweg.cli.main import main
 from thalweg.train.folder.run_record import write_config

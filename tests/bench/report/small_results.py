@@ -2,7 +2,8 @@
 
 from thalweg.bench.evaluate.conditions import Condition
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.suite.config import Arm, Suite
+from thalweg.bench.suite.arms import Arm
+from thalweg.bench.suite.config import Suite
 
 SUITE = Suite(
     "it", (Arm("PPO"), Arm("FOCOPS"), Arm("P3O")), test_levels=("Medium",), baselines=("hover",), packaged=False,

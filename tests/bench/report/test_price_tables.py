@@ -15,7 +15,8 @@ from thalweg.bench.report.price_tables import area_table, limit_of, price_table
 from thalweg.bench.report.table import Table
 from thalweg.bench.results.results import Results, RunRow
 from thalweg.bench.results.statistics import TrainingLog
-from thalweg.bench.suite.config import Arm, Suite
+from thalweg.bench.suite.arms import Arm
+from thalweg.bench.suite.config import Suite
 
 SAFE = FrontPoint("Nests", "Medium", "fixed", 10.0, 50, 6.0, 5.9, 6.1, 0.0, 0.0, 0.0, 1)
 FREE = replace(SAFE, price=0.0, return_=10.0, return_low=9.9, return_high=10.0, cost=40.0)

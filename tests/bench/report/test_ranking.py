@@ -10,7 +10,7 @@ from thalweg.bench.report.html.page import page
 from thalweg.bench.report.ranking import OTHER, ranking
 from thalweg.bench.results.inference import mean_estimate
 from thalweg.bench.results.results import OutdatedPolicy, Results
-from thalweg.bench.suite.config import Arm
+from thalweg.bench.suite.arms import Arm
 
 
 def test_policies_within_the_limit_come_first_and_then_the_greater_return(results: Results):

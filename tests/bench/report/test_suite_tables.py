@@ -11,7 +11,8 @@ from thalweg.bench.report.suite_tables import algorithm_table, constraint_method
 from thalweg.bench.report.table import PAPER
 from thalweg.bench.results.results import OutdatedPolicy, Results, RunRow
 from thalweg.bench.results.run_versions import Versions
-from thalweg.bench.suite.config import Arm, Stage, Suite
+from thalweg.bench.suite.arms import Arm, Stage
+from thalweg.bench.suite.config import Suite
 from thalweg.core.versions import ALGORITHMS as ALGORITHMS_NOW
 
 ON_POLICY = ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "CPO", "CUP")

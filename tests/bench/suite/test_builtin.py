@@ -11,8 +11,9 @@ import yaml
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import CONDITIONS, Condition
+from thalweg.bench.suite.arms import Arm, Run, Stage
 from thalweg.bench.suite.builtin import SUITES, load_suite
-from thalweg.bench.suite.config import Arm, Run, Stage, Suite
+from thalweg.bench.suite.config import Suite
 from thalweg.cli.main import main
 from thalweg.train.run import too_short
 

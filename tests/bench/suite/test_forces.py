@@ -11,8 +11,9 @@ from thalweg.bench.evaluate.conditions import SHIELDED
 from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.execute.runner import claim
 from thalweg.bench.results.run_versions import current_versions
+from thalweg.bench.suite.arms import Arm
 from thalweg.bench.suite.builtin import load_suite
-from thalweg.bench.suite.config import Arm, Suite
+from thalweg.bench.suite.config import Suite
 from thalweg.bench.suite.record import has_forces, read_suite
 from thalweg.core import versions
 from thalweg.env.forces.options import ForceOptions

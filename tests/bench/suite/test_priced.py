@@ -4,8 +4,8 @@ import pytest
 
 from thalweg.algos.registry import ALGORITHMS, algorithm_named
 from thalweg.bench.fronts.fronts import cost_limits, front_of, points_of, read_fronts
+from thalweg.bench.suite.arms import Run
 from thalweg.bench.suite.builtin import load_suite
-from thalweg.bench.suite.config import Run
 from thalweg.bench.suite.priced import LIMITS, SEEING, arms_of, seeing_arms
 from thalweg.core import versions
 from thalweg.env import EnvConfig

@@ -10,8 +10,9 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute import backend
 from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.execute.runner import claim
+from thalweg.bench.suite.arms import Arm
 from thalweg.bench.suite.builtin import load_suite
-from thalweg.bench.suite.config import Arm, Suite
+from thalweg.bench.suite.config import Suite
 from thalweg.bench.suite.record import read_suite, rules_in_words
 from thalweg.bench.suite.views import TrainingViews
 from thalweg.cli.bench import Rules

@@ -16,7 +16,8 @@ from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Label, Observe, Step, evaluate, observation_function
 from thalweg.bench.evaluate.shielded import FlightShield, check_masks
 from thalweg.bench.pictures.film_format import FilmFormat
-from thalweg.bench.suite.config import Arm, Run, Stage, Suite
+from thalweg.bench.suite.arms import Arm, Run, Stage
+from thalweg.bench.suite.config import Suite
 from thalweg.core import versions
 from thalweg.encoder import Encoder
 from thalweg.render import Camera

@@ -24,7 +24,8 @@ from thalweg.bench.evaluate.episodes import read_episodes, write_episodes
 from thalweg.bench.evaluate.progress import complete, progress_bar, track_episodes
 from thalweg.bench.execute.backend import PACKAGED_POLICY, Backend
 from thalweg.bench.results.results import RunRow, evaluation_path
-from thalweg.bench.suite.config import Run, Suite
+from thalweg.bench.suite.arms import Run
+from thalweg.bench.suite.config import Suite
 from thalweg.core import versions
 from thalweg.core.atomic_io import disk_errors_name, is_disk_error, write_atomic
 from thalweg.core.machine import usable_cores

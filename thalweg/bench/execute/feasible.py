@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from thalweg.algos.registry import algorithm_named
 from thalweg.bench.fronts.attainable import warn_of_limits
-from thalweg.bench.suite.config import Run, Suite
+from thalweg.bench.suite.arms import Run
+from thalweg.bench.suite.config import Suite
 from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.env.task.deadlines import check_deadline
 from thalweg.env.tasks import TASKS

@@ -16,7 +16,8 @@ from thalweg.bench.execute.backend import Backend
 from thalweg.bench.pictures.film_format import LARGE, SMALL
 from thalweg.bench.results.results import FILMS, KINDS, MAIN_FILM, FilmFiles, Results
 from thalweg.bench.results.statistics import mean_and_std_text, summarise
-from thalweg.bench.suite.config import Run, Suite
+from thalweg.bench.suite.arms import Run
+from thalweg.bench.suite.config import Suite
 from thalweg.core.atomic_io import is_disk_error, write_atomic
 
 BEST, FAILURE = KINDS

@@ -33,7 +33,8 @@ from thalweg.bench.results.run_versions import (
     read_versions,
     some_critics_are_asymmetric,
 )
-from thalweg.bench.suite.config import Run, Suite
+from thalweg.bench.suite.arms import Run
+from thalweg.bench.suite.config import Suite
 from thalweg.bench.suite.record import read_suite
 from thalweg.core.machine import machine_info, package_versions
 from thalweg.core.plugins.record import PluginWarning, changed_source

@@ -16,7 +16,8 @@ from thalweg.bench.results.curve import training_file
 from thalweg.bench.results.reproduction import Part, Table, compare_means, compare_to_the_bit, other_conditions
 from thalweg.bench.results.results import evaluation_path, read_runs
 from thalweg.bench.results.run_versions import read_versions, version_label
-from thalweg.bench.suite.config import Run, Suite
+from thalweg.bench.suite.arms import Run
+from thalweg.bench.suite.config import Suite
 from thalweg.bench.suite.record import read_suite
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import read_config

@@ -22,7 +22,7 @@ from thalweg.bench.results.run_versions import (
     read_versions,
     write_versions,
 )
-from thalweg.bench.suite.config import Run
+from thalweg.bench.suite.arms import Run
 
 FOLDER = "outdated"
 

@@ -20,7 +20,7 @@ from thalweg.env.tasks import PAPER_TASK
 
 @frozen_config(ResultsError, extra="ignore")
 class StageRecord:
-    """Record of a `thalweg.bench.suite.config.Stage`."""
+    """Record of a `thalweg.bench.suite.arms.Stage`."""
 
     steps: int
     algorithm: str = ""
@@ -30,7 +30,7 @@ class StageRecord:
 
 @frozen_config(ResultsError, extra="ignore")
 class ArmRecord:
-    """Record of a `thalweg.bench.suite.config.Arm`."""
+    """Record of a `thalweg.bench.suite.arms.Arm`."""
 
     name: str
     algorithm: str
@@ -62,7 +62,7 @@ class ConditionRecord:
 
 @frozen_config(ResultsError, extra="ignore")
 class FunctionRecord:
-    """Record of a `thalweg.bench.suite.config.Function`."""
+    """Record of a `thalweg.bench.suite.arms.Function`."""
 
     name: str
     observation: str

@@ -18,7 +18,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute.backend import installed_versions
 from thalweg.bench.execute.cluster.node_task import RunRequest, RunUpdate, run_on_node
 from thalweg.bench.execute.cluster.ray_executor import _node_function
-from thalweg.bench.suite.config import Run
+from thalweg.bench.suite.arms import Run
 
 RUN = Run("train", "PPO", 0)
 NODE = socket.gethostname()

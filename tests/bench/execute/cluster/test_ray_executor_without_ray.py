@@ -21,7 +21,7 @@ from thalweg.bench.execute.cluster.run_archive import unpack
 from thalweg.bench.execute.executors import ExecutionContext
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.results.results import RunRow, read_runs
-from thalweg.bench.suite.config import Run
+from thalweg.bench.suite.arms import Run
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 

@@ -18,7 +18,8 @@ from thalweg.bench.execute.cluster.run_archive import Files, archive_names, mile
 from thalweg.bench.execute.executors import execute_run_logged
 from thalweg.bench.results.results import RunRow
 from thalweg.bench.results.run_versions import current_sources
-from thalweg.bench.suite.config import Run, Suite
+from thalweg.bench.suite.arms import Run
+from thalweg.bench.suite.config import Suite
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.plugins.lookup import add_files
 

@@ -18,7 +18,7 @@ from thalweg.bench.execute.cluster.run_archive import milestones, pack, unpack
 from thalweg.bench.execute.executors import THREAD_VARIABLES, ExecutionContext, execute_run, print_row, run_row
 from thalweg.bench.results.results import RunRow
 from thalweg.bench.results.run_versions import current_sources
-from thalweg.bench.suite.config import Run
+from thalweg.bench.suite.arms import Run
 from thalweg.core.plugins.lookup import file_contents
 
 MAX_ATTEMPTS = 3

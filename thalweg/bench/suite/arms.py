@@ -1,0 +1,166 @@
+"""What a suite executes: arms, which are trained, functions, which are only flown, and runs of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate.conditions import NAME
+from thalweg.bench.evaluate.functions import FunctionPolicy, is_reference
+from thalweg.core.config import TupleOf, WholeNumber, frozen_config, to_plain
+from thalweg.core.seeds import compact_seeds, parse_seeds
+
+Count = Annotated[WholeNumber, Field(ge=1)]
+Seed = Annotated[WholeNumber, Field(ge=0)]
+
+
+def _seeds(value: Any) -> tuple[int, ...]:
+    """Return seeds of rivers as numbers."""
+    return parse_seeds(value, "seeds of rivers")
+
+
+RiverSeeds = Annotated[tuple[int, ...], BeforeValidator(_seeds)]
+"""Seeds of rivers to train on: numbers, and ranges such as "1000:1016", whose end is excluded."""
+Observation = Literal["frames", "privileged", "rgb+mask", "rgb", "mask"]
+"""What trained policies see: frames through a packaged encoder, the privileged observation, or, with the setting
+policy=cnn, images."""
+EncoderName = str
+"""An encoder that comes with the package, see `thalweg.encoder.PACKAGED`, or one of a plug-in."""
+
+
+@frozen_config(ResultsError)
+class Stage:
+    """An earlier stage of training, whose policy the next stage starts from."""
+
+    algorithm: str
+    level: str
+    steps: Count
+    preset: str = "default"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    world_seeds: RiverSeeds = ()
+    """Seeds of the level's rivers; if empty, those of the arm."""
+
+
+@frozen_config(ResultsError)
+class Arm:
+    """An algorithm with its settings, trained once with each seed."""
+
+    algorithm: str
+    """Name of the algorithm in the registry, or of a plug-in."""
+    preset: str = "default"
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Settings of the algorithm that replace those of the preset; plain data."""
+    seeds: TupleOf[Seed] = (0, 1, 2)
+    steps: Count = 200_000
+    """Steps of each run, over all environments together, without earlier stages."""
+    level: str = ""
+    """Training level; if empty, that of the suite."""
+    before: TupleOf[Stage] = ()
+    """Earlier stages in order, with the same seed: a curriculum, or a transfer from another algorithm."""
+    name: str = ""
+    """Name of its results; if empty, the algorithm, with the preset unless that is the default one, and with the
+    observation and the encoder if the arm has them of its own."""
+    observation: Observation | None = None
+    """What it sees in all stages; if None, what the suite says."""
+    encoder: EncoderName | None = None
+    """Encoder of the frames in all stages; if None, that of the suite."""
+    world_seeds: RiverSeeds = ()
+    """Seeds of the level's rivers; if empty, those of the suite."""
+    begin_with: Literal["", "packaged"] = ""
+    """What the first stage starts from: the policy that comes with the package, or weights drawn by the seed."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "Arm":
+        if not NAME.fullmatch(self.label):
+            raise ValueError(f"an arm is called {self.label!r}; letters, digits, - and . will do")
+        if not self.seeds:
+            raise ValueError(f"{self.label} has no seeds; give at least one, such as 0")
+        refuse_repeated("seed", f"seeds of {self.label}", self.seeds)
+        return self
+
+    @property
+    def label(self) -> str:
+        preset = None if self.preset == "default" else self.preset
+        seen = self.observation and self.observation.replace("+", "-")
+        return self.name or "-".join(part for part in (self.algorithm, preset, seen, self.encoder) if part)
+
+    def as_data(self) -> dict[str, Any]:
+        """Return plain data for JSON, with the label as the name; without an observation, an encoder or rivers
+        that are the suite's, and a policy to begin with if there is none, as before arms had them."""
+        before = [without(to_plain(stage), world_seeds=[]) | rivers_as_data(stage.world_seeds) for stage in self.before]
+        own = without(to_plain(self), observation=None, encoder=None, world_seeds=[], begin_with="") | rivers_as_data(
+            self.world_seeds
+        )
+        return own | {"before": before, "name": self.label}
+
+
+@frozen_config(ResultsError)
+class Function:
+    """A function that is flown without training, see `thalweg.bench.evaluate.functions`."""
+
+    function: str
+    """A file or a module, and a name in it: `fly.py:fly`. It is loaded when the suite is constructed."""
+    name: str = ""
+    """Name of its results; if empty, that which the function has itself."""
+
+    @model_validator(mode="after")
+    def _check(self) -> "Function":
+        if not is_reference(self.function):
+            raise ValueError(
+                f"function must be a file or a module, and a name in it, such as fly.py:fly, got {self.function!r}"
+            )
+        self.policy  # noqa: B018  raises the error of one that cannot be loaded
+        return self
+
+    @cached_property
+    def policy(self) -> FunctionPolicy:
+        """The function as a policy."""
+        return FunctionPolicy.load(self.function, self.name)
+
+    @property
+    def label(self) -> str:
+        return self.policy.name
+
+    def as_data(self) -> dict[str, str]:
+        """Return plain data for JSON. Version and source are no part of the suite: results that they outdate are done
+        again."""
+        return {"function": self.function, "name": self.label, "observation": self.policy.observation}
+
+    def __getstate__(self) -> dict[str, str]:
+        """Return what is sent to another process, which loads the function itself."""
+        return {"function": self.function, "name": self.name}
+
+
+@dataclass(frozen=True)
+class Run:
+    """A policy of a suite: trained, a baseline, the one that comes with the package, or a function."""
+
+    kind: str
+    """`train`, `baseline`, `packaged` or `function`."""
+    algorithm: str
+    """Label of the arm or the function, or name of the baseline."""
+    seed: int
+
+    @property
+    def name(self) -> str:
+        return f"{self.algorithm}-{self.seed}"
+
+
+def rivers_as_data(seeds: tuple[int, ...]) -> dict[str, Any]:
+    """Return seeds of rivers as plain data, or nothing if there are none."""
+    return {"world_seeds": compact_seeds(seeds)} if seeds else {}
+
+
+def without(data: dict[str, Any], **values: Any) -> dict[str, Any]:
+    """Return the data without the keys that have these values."""
+    return {key: value for key, value in data.items() if key not in values or value != values[key]}
+
+
+def refuse_repeated(what: str, where: str, values: Sequence[Any]) -> None:
+    """Raise `ValueError` for a value that stands twice in a list."""
+    for value in values:
+        if values.count(value) > 1:
+            raise ValueError(f"{what} {value!r} is named twice in {where}")

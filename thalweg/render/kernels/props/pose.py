@@ -6,7 +6,6 @@ within such a rectangle.
 """
 
 import math
-from typing import Any, NamedTuple
 
 import numpy as np
 from numba import int32
@@ -14,7 +13,9 @@ from numba import int32
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import row_step
 from thalweg.render.kernels.props import models
+from thalweg.render.kernels.props.boxes import part_box, pixel_box, seen_at
 from thalweg.render.kernels.props.solids import SolidRay
+from thalweg.render.kernels.props.turns import Turn, joined, joint_turn, turn_of, turned
 from thalweg.render.kernels.table_lookup import bilinear, clamp, paint_level, top_map
 from thalweg.render.records import layout
 from thalweg.render.records.props import KIND, PHASE, YAW, X, Y, Z
@@ -47,67 +48,6 @@ C1, R0, R1 = range(C0 + 1, C0 + 4)
 MIDDLE, REACH = C0 + 4, C0 + 7
 """The middle in metres from the camera, three columns, and the radius of the ball around the part."""
 PART_COLUMNS = REACH + 1
-
-
-class Turn(NamedTuple):
-    """A rotation: what it makes of the unit vectors along x, y and z, one after another."""
-
-    xx: Any
-    xy: Any
-    xz: Any
-    yx: Any
-    yy: Any
-    yz: Any
-    zx: Any
-    zy: Any
-    zz: Any
-
-
-@kernel(inlined=True, allocates=False)
-def turn_of(yaw, pitch, roll):
-    """Return the `Turn` by roll about x, then pitch about y (positive: down ahead), then yaw about z, in radians."""
-    cy, sy = f32(math.cos(yaw)), f32(math.sin(yaw))
-    cp, sp = f32(math.cos(pitch)), f32(math.sin(pitch))
-    cr, sr = f32(math.cos(roll)), f32(math.sin(roll))
-    return Turn(
-        cy * cp, sy * cp, -sp,
-        cy * sp * sr - sy * cr, sy * sp * sr + cy * cr, cp * sr,
-        cy * sp * cr + sy * sr, sy * sp * cr - cy * sr, cp * cr,
-    )  # fmt: skip
-
-
-@kernel(inlined=True, allocates=False)
-def turned(turn, x, y, z):
-    """Return a vector after a `Turn`."""
-    return (
-        turn.xx * x + turn.yx * y + turn.zx * z,
-        turn.xy * x + turn.yy * y + turn.zy * z,
-        turn.xz * x + turn.yz * y + turn.zz * z,
-    )
-
-
-@kernel(inlined=True, allocates=False)
-def joined(outer, inner):
-    """Return the `Turn` by an inner one and then by an outer one."""
-    xx, xy, xz = turned(outer, inner.xx, inner.xy, inner.xz)
-    yx, yy, yz = turned(outer, inner.yx, inner.yy, inner.yz)
-    zx, zy, zz = turned(outer, inner.zx, inner.zy, inner.zz)
-    return Turn(xx, xy, xz, yx, yy, yz, zx, zy, zz)
-
-
-@kernel(inlined=True, allocates=False)
-def joint_turn(joint, phase):
-    """Return the `Turn` of a joint at a phase in radians."""
-    yaw, pitch, roll = f32(0), f32(0), f32(0)
-    if joint == f32(models.LEFT_ARM):
-        # The hand goes over the water to the front, and back under it.
-        pitch = phase
-    elif joint == f32(models.RIGHT_ARM):
-        pitch = phase + f32(math.pi)
-    elif joint == f32(models.PADDLE):
-        yaw = f32(0.45) * f32(math.sin(phase))
-        roll = f32(0.55) * f32(math.cos(phase))
-    return turn_of(yaw, pitch, roll)
 
 
 @kernel(inlined=True, allocates=False)
@@ -284,58 +224,6 @@ def outline_area(part, wide_x, wide_y, wide_z, half_x, half_y, half_z):
 
 
 @kernel(inlined=True, allocates=False)
-def part_box(camera, turn, half_x, half_y, half_z, px, py, pz):
-    """Return the columns from, to and rows from, to of the image that a box may touch, with a pixel around it.
-
-    The box has half sizes in metres after a `Turn`, and its middle at px, py, pz from the camera.
-    """
-    low_x, high_x, low_y, high_y = f32(1e9), f32(-1e9), f32(1e9), f32(-1e9)
-    behind = 0
-    for corner in range(8):
-        u = half_x if corner & 1 else -half_x
-        v = half_y if corner & 2 else -half_y
-        w = half_z if corner & 4 else -half_z
-        dx, dy, dz = turned(turn, u, v, w)
-        ahead, sx, sy = seen_at(camera, px + dx, py + dy, pz + dz)
-        behind += 1 if ahead < camera.near_m else 0
-        low_x, high_x = min(low_x, sx), max(high_x, sx)
-        low_y, high_y = min(low_y, sy), max(high_y, sy)
-    if behind > 0 and behind < 8:
-        low_x, high_x, low_y, high_y = cut_extent(camera, turn, half_x, half_y, half_z, px, py, pz)
-    return pixel_box(camera, behind == 8, low_x, high_x, low_y, high_y)
-
-
-@kernel(inlined=True, allocates=False)
-def cut_extent(camera, turn, half_x, half_y, half_z, px, py, pz):
-    """Return the least and greatest x and y on the image plane of a box as in `part_box` that the near plane cuts.
-
-    They are those of its corners before the plane, and of the points where its edges meet the plane.
-    """
-    low_x, high_x, low_y, high_y = f32(1e9), f32(-1e9), f32(1e9), f32(-1e9)
-    for corner in range(8):
-        u = half_x if corner & 1 else -half_x
-        v = half_y if corner & 2 else -half_y
-        w = half_z if corner & 4 else -half_z
-        dx, dy, dz = turned(turn, u, v, w)
-        ahead, sx, sy = seen_at(camera, px + dx, py + dy, pz + dz)
-        if ahead < camera.near_m:
-            continue
-        low_x, high_x = min(low_x, sx), max(high_x, sx)
-        low_y, high_y = min(low_y, sy), max(high_y, sy)
-        for axis in range(3):
-            ex, ey, ez = turned(turn, -u if axis == 0 else u, -v if axis == 1 else v, -w if axis == 2 else w)
-            end, _, _ = seen_at(camera, px + ex, py + ey, pz + ez)
-            if end < camera.near_m:
-                share = (ahead - camera.near_m) / (ahead - end)
-                _, sx, sy = seen_at(
-                    camera, px + dx + share * (ex - dx), py + dy + share * (ey - dy), pz + dz + share * (ez - dz)
-                )
-                low_x, high_x = min(low_x, sx), max(high_x, sx)
-                low_y, high_y = min(low_y, sy), max(high_y, sy)
-    return low_x, high_x, low_y, high_y
-
-
-@kernel(inlined=True, allocates=False)
 def mirror_box(part, camera):
     """Return the columns from, to and rows from, to of the image that the mirror image of a placed part may touch.
 
@@ -367,31 +255,6 @@ def mirror_box(part, camera):
         camera, behind > 0,
         low_x - f32(STRETCH) * wide, high_x + f32(STRETCH) * wide, low_y - f32(2 * STRETCH) * high, high_y,
     )  # fmt: skip
-
-
-@kernel(inlined=True, allocates=False)
-def seen_at(camera, px, py, pz):
-    """Return the depth of a point at px, py, pz metres from the camera, and its place on the image plane."""
-    ahead = px * camera.forward_x + py * camera.forward_y + pz * camera.forward_z
-    inverse = f32(1) / max(ahead, f32(0.01))
-    sx = (px * camera.right_x + py * camera.right_y) * inverse
-    sy = (px * camera.up_x + py * camera.up_y + pz * camera.up_z) * inverse
-    return ahead, sx, sy
-
-
-@kernel(inlined=True, allocates=False)
-def pixel_box(camera, hidden, low_x, high_x, low_y, high_y):
-    """Return the columns from, to and rows from, to around a rectangle of the image plane, with a pixel around it; none
-    if hidden."""
-    wide, high = f32(camera.width), f32(camera.height)
-    per_row = row_step(camera)
-    c0, c1, r0, r1 = int32(0), int32(0), int32(0), int32(0)
-    if not hidden:
-        c0 = int32(clamp((low_x + camera.half_w) / camera.column_step - f32(1), f32(0), wide))
-        c1 = int32(clamp((high_x + camera.half_w) / camera.column_step + f32(2), f32(0), wide))
-        r0 = int32(clamp((camera.half_h - high_y) / per_row - f32(1), f32(0), high))
-        r1 = int32(clamp((camera.half_h - low_y) / per_row + f32(2), f32(0), high))
-    return c0, c1, r0, r1
 
 
 @kernel(inlined=True, allocates=False)

@@ -7,9 +7,10 @@ from typing import Any
 
 import torch
 
+from thalweg.algos.common.state import CPU
 from thalweg.algos.imitation.config import ImitationConfig, Teacher
 from thalweg.algos.imitation.student import ALGORITHM, Student
-from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.actions import Actions, actions_of
 from thalweg.core import versions
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
@@ -85,21 +86,19 @@ class Imitation:
             if not status:
                 self._pass_gate(levels, seeds[: config.gate_rivers], rules, config.teacher)
             with torch_threads(1):
-                student = Student(
-                    config,
-                    actions_of(env.single_action_space),
-                    OPTIONS,
-                    (len(FEATURES), ROWS * COLUMNS),
-                    seed=self.seed,
-                    context=identity["context"],
-                    device=device,
-                )
+                student = self.new_student(config, actions_of(env.single_action_space), identity["context"], device)
             trainer = ImitationTrainer(env, student, self.steps, self.seed, threads)
             return train_to_end(
                 self.folder, trainer, identity, progress=progress, checkpoint_seconds=self.checkpoint_seconds
             )
         finally:
             env.close()
+
+    def new_student(
+        self, config: ImitationConfig, actions: Actions, context: dict[str, Any], device: torch.device = CPU
+    ) -> Student:
+        """Return the student before it has learnt anything; `context` is kept in its policy's file."""
+        return Student(config, actions, OPTIONS, (len(FEATURES), ROWS * COLUMNS), self.seed, context, device)
 
     def _pass_gate(self, levels: Sequence[Level], seeds: Sequence[int], rules: EnvConfig, teacher: Teacher) -> None:
         """Let the teacher fly rivers of each level; raises `TrainingError` if it fails on one."""

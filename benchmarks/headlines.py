@@ -162,13 +162,13 @@ def eye(results: Results, other: Results | None) -> Headline | None:
         for name in names
         if is_whole(results, name) and is_whole(other, name)
     ]
-    order = (
-        f" The rank correlation of both orders of {len(names)} algorithms is {stats.spearmanr(*values).statistic:.2f}."
-    )
     sentence = (
         f"On codes of geometry in place of the autoencoder's, the return on {train_level(results)} is greater by:"
-        f" {listed(changes) or 'no algorithm has three seeds of both'}.{order if len(names) > 2 else ''}"
+        f" {listed(changes) or 'no algorithm has three seeds of both'}."
     )
+    if len(names) > 2:
+        alike = np.corrcoef([stats.rankdata(each) for each in values])[0, 1]
+        sentence += f" The rank correlation of both orders of {len(names)} algorithms is {alike:.2f}."
     return Headline(
         "eye", "The eye and the algorithm", sentence, tuple(names), series, f"mean return on {train_level(results)}"
     )

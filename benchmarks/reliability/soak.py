@@ -3,6 +3,7 @@
     python benchmarks/reliability/soak.py                        # 100 pieces of a million steps on ten rivers each
     python benchmarks/reliability/soak.py --frames               # 100 pieces of 10,000 frames of ten rivers each
     python benchmarks/reliability/soak.py --pieces 3
+    python benchmarks/reliability/soak.py --minutes 25           # begins no piece later than that
     python benchmarks/reliability/soak.py --smoke                # one river, a few steps, no table
 
 A piece flies every task with the UAV and the paper's with the boat, 256 vehicles at a time, half of them by the pilot,
@@ -19,7 +20,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
-from pieces import Pieces
+from pieces import Clock, Pieces
 
 from thalweg.core import versions
 from thalweg.env import ConfigError, EnvConfig, RiverVectorEnv
@@ -195,6 +196,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", action="store_true", help="draw frames; the rules alone by default")
     parser.add_argument("--pieces", type=int, default=PIECES)
+    parser.add_argument("--minutes", type=float, help="begin no piece later than so many minutes after the start")
     parser.add_argument("--smoke", action="store_true", help="one piece of one river, without a table")
     parser.add_argument("--out", type=Path, help="the table; soak_steps.csv or soak_frames.csv here by default")
     given = parser.parse_args()
@@ -205,12 +207,14 @@ def main() -> int:
         return 1 if faults else 0
     table = Pieces(given.out or HERE / ("soak_frames.csv" if given.frames else "soak_steps.csv"), KEY)
     made_with = (versions.WORLD, versions.RULES, versions.TASKS, versions.RENDER)
-    failed = False
+    failed, clock = False, Clock(given.minutes)
     for piece in range(given.pieces):
         identity = (piece, RIVERS, amount, *made_with)
         row = table.row(*identity)
         if row is not None and row["faults"] == "0":
             continue
+        if clock.is_over:
+            break
         faults = list(soak(piece, RIVERS, amount))
         failed |= bool(faults)
         first = faults[0].replace(",", ";") if faults else ""

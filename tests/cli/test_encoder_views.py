@@ -10,7 +10,7 @@ from thalweg.encoder import load_encoder
 from thalweg.encoder.files import read_tensors
 from thalweg.render import Camera
 from thalweg.train import load_policy
-from thalweg.train.encoder.drawing import camera_of_encoder
+from thalweg.train.encoder_of_run import camera_of_encoder
 from thalweg.train.observations import camera_of
 from thalweg.world import World
 

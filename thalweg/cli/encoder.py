@@ -192,8 +192,8 @@ class EncoderShow:
     def run(self) -> int:
         from thalweg.encoder import VAE, draw_reconstructions, load_encoder
         from thalweg.encoder.plugin import PluginEncoder, encoder_plugin
-        from thalweg.train.encoder.drawing import camera_of_encoder
         from thalweg.train.encoder.frames import collect_frames
+        from thalweg.train.encoder_of_run import camera_of_encoder
 
         check_file("--out", self.out, ".png")
         plugin = None if self.path is None else encoder_plugin(str(self.path))

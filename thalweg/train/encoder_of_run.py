@@ -1,10 +1,13 @@
-"""The encoder of a run: where its file was, whether it is still there, and which camera it fits."""
+"""The encoder of a run: where its file was, whether it is still there, and whose frames it was trained on."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from thalweg.core.cache import file_hash
+from thalweg.core.config import parse_config
+from thalweg.core.notices import notice
+from thalweg.core.run_folder import differences
 from thalweg.encoder import PACKAGED, Encoder, PluginEncoder, encoder_plugin, sides
 from thalweg.render import Camera
 from thalweg.train.errors import TrainingError
@@ -92,4 +95,22 @@ def check_size_fits(camera: Camera, taken: tuple[int, int], name: str) -> None:
             f"the camera draws frames of {camera.height_px} x {camera.width_px} pixels (height x width), but the"
             f" encoder {name} takes {height} x {width}: give the camera height_px={height} and"
             f" width_px={width}, or use another encoder"
+        )
+
+
+def camera_of_encoder(encoder: Encoder) -> Camera:
+    """Return the camera whose frames an encoder was trained on; that of the levels, with the size that the encoder
+    takes, if its file does not say it."""
+    height, width = sides(encoder.config.size_px)
+    told = encoder.about.get("camera")
+    return Camera(height, width) if told is None else parse_config(Camera, told, "the camera of an encoder")
+
+
+def tell_other_optics(camera: Camera, encoder: Encoder) -> None:
+    """Print a notice if an encoder's file names another camera than that of a training: its codes tell less then."""
+    if "camera" in encoder.about and (
+        found := list(differences(camera_of_encoder(encoder).as_data(), camera.as_data()))
+    ):
+        notice(
+            f"the encoder {encoder.about.get('path', '')} was trained on frames of another camera: {'; '.join(found)}"
         )

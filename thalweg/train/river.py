@@ -22,8 +22,7 @@ from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.tasks import task_plugin
 from thalweg.render import RENDER_VERSION, compilation
-from thalweg.train.encoder.drawing import tell_other_optics
-from thalweg.train.encoder_of_run import check_camera_fits, file_of_its_own
+from thalweg.train.encoder_of_run import check_camera_fits, file_of_its_own, tell_other_optics
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, read_context
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv

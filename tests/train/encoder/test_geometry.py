@@ -19,10 +19,10 @@ from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, Camera, Renderer
 from thalweg.render.records.randomisation import Randomisation
-from thalweg.train.encoder.drawing import camera_of_encoder
 from thalweg.train.encoder.geometry import GeometryTraining, geometry_config, half_mirrored, probe_table
 from thalweg.train.encoder.targets import targets_of
 from thalweg.train.encoder.views import STRIDE, TARGETS, draw_views, flight_views, start_views
+from thalweg.train.encoder_of_run import camera_of_encoder
 from thalweg.world import World
 
 

@@ -3,10 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from thalweg.core.config import parse_config
-from thalweg.core.notices import notice
-from thalweg.core.run_folder import differences
-from thalweg.encoder import Encoder, EncoderInputError, sides
+from thalweg.encoder import EncoderInputError, sides
 from thalweg.render import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
@@ -54,22 +51,4 @@ def check_size(camera: Camera, size_px: int | tuple[int, int]) -> None:
         raise EncoderInputError(
             f"the camera draws frames of {drawn_height} x {drawn_width} pixels (height x width), but size_px of the"
             f" encoder is {height} x {width}"
-        )
-
-
-def camera_of_encoder(encoder: Encoder) -> Camera:
-    """Return the camera whose frames an encoder was trained on; that of the levels, with the size that the encoder
-    takes, if its file does not say it."""
-    height, width = sides(encoder.config.size_px)
-    told = encoder.about.get("camera")
-    return Camera(height, width) if told is None else parse_config(Camera, told, "the camera of an encoder")
-
-
-def tell_other_optics(camera: Camera, encoder: Encoder) -> None:
-    """Print a notice if an encoder's file names another camera than that of a training: its codes tell less then."""
-    if "camera" in encoder.about and (
-        found := list(differences(camera_of_encoder(encoder).as_data(), camera.as_data()))
-    ):
-        notice(
-            f"the encoder {encoder.about.get('path', '')} was trained on frames of another camera: {'; '.join(found)}"
         )

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.core.cache import file_hash
-from thalweg.encoder import PACKAGED, Encoder, PluginEncoder, encoder_plugin
+from thalweg.encoder import PACKAGED, Encoder, PluginEncoder, encoder_plugin, sides
 from thalweg.render import Camera
 from thalweg.train.errors import TrainingError
 
@@ -81,10 +81,15 @@ def encoder_in_words(context: Mapping[str, Any]) -> str:
 
 def check_camera_fits(camera: Camera, encoder: Encoder) -> None:
     """Raise `TrainingError` unless a camera draws frames of the size that an encoder takes."""
-    side = encoder.config.size_px
-    if (camera.height_px, camera.width_px) != (side, side):
+    check_size_fits(camera, sides(encoder.config.size_px), str(encoder.about.get("path", "")))
+
+
+def check_size_fits(camera: Camera, taken: tuple[int, int], name: str) -> None:
+    """Raise `TrainingError` unless a camera draws frames of the height and width taken by the encoder of a name."""
+    height, width = taken
+    if (camera.height_px, camera.width_px) != (height, width):
         raise TrainingError(
             f"the camera draws frames of {camera.height_px} x {camera.width_px} pixels (height x width), but the"
-            f" encoder {encoder.about.get('path', '')} takes {side} x {side}: set height_px and width_px of the camera"
-            f" to {side}, or use another encoder"
+            f" encoder {name} takes {height} x {width}: give the camera height_px={height} and"
+            f" width_px={width}, or use another encoder"
         )

@@ -85,8 +85,11 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 LASTING = ("policy.safetensors", "encoder.safetensors", "evaluation/*.csv")
 """Files that are written once, when what they hold is finished."""
 CHECKPOINTS = re.compile(r"(^|/)(checkpoints/|checkpoint\.)")
-NOT_COMPARED = re.compile(r"(^|/)(checkpoints/|checkpoint\.|logs/|events\.|report/.*\.(html|png|svg)$|error\.txt)")
-A_TIME = re.compile(r"second|time|_s$")
+NOT_COMPARED = re.compile(
+    r"(^|/)(checkpoints/|checkpoint\.|logs/|events\.|report/.*\.(html|png|svg|md|tex)$|error\.txt|\.[^/]*\.part)"
+)
+"""Files that hold times, tables that are there as CSV too, and hidden ones that killed processes leave half-written."""
+A_TIME = re.compile(r"second|minutes|time|_s$")
 """Names of columns and keys that hold times."""
 
 

@@ -17,6 +17,7 @@ that has a row without a fault is skipped.
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -25,15 +26,18 @@ from pieces import Clock, Pieces
 from thalweg.core import versions
 from thalweg.env import ConfigError, EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
 from thalweg.env.tasks import TASKS
+from thalweg.env.vehicle.boat import FitError
 from thalweg.render import Renderer
 from thalweg.render.records.classes import SKY
 from thalweg.render.renderer import ALL_LAYERS
 from thalweg.world import World
 
 HERE = Path(__file__).resolve().parent
-LEVELS = ("Easy", "Medium", "Hard")
+LEVELS = {"uav": ("Easy", "Medium", "Hard"), "asv": ("Easy", "Medium-Deep", "Hard-Deep")}
+"""Levels of each vehicle: others are too shallow for the boat."""
 FIRST_SEED, RIVERS = 30_000, 10
 """Seed of the first river, and rivers of a piece."""
 VEHICLES, STEPS, FRAMES = 256, 1_000_000, 10_000
@@ -60,10 +64,24 @@ def cases() -> list[EnvConfig]:
     return found
 
 
-def river_list(piece: int, rivers: int) -> RiverList:
-    """Return the rivers of a piece, of all levels in turn."""
-    numbers = range(piece * RIVERS, piece * RIVERS + rivers)
-    return RiverList.of_levels([(LEVELS[number % len(LEVELS)], FIRST_SEED + number) for number in numbers])
+def river_list(piece: int, rivers: int, vehicle: str = "uav") -> RiverList:
+    """Return the rivers of a piece, of all levels of a vehicle in turn."""
+    numbers, levels = range(piece * RIVERS, piece * RIVERS + rivers), LEVELS[vehicle]
+    return RiverList.of_levels([(levels[number % len(levels)], FIRST_SEED + number) for number in numbers])
+
+
+def worlds_for(piece: int, rivers: int, config: EnvConfig) -> list[World]:
+    """Return the worlds of a piece as far as rules need them, without rivers that are refused for the boat's size."""
+    listed, worlds = river_list(piece, rivers, config.vehicle), []
+    for river in range(rivers):
+        if config.vehicle == "uav":
+            worlds.append(listed.course(river))
+            continue
+        with suppress(FitError):
+            world = listed.sounded(river)
+            pack_courses([world], config)
+            worlds.append(world)
+    return worlds
 
 
 class Watch:
@@ -152,10 +170,9 @@ def fly(worlds: Sequence[World], config: EnvConfig, steps: int, seed: int, vehic
 
 def soak_steps(piece: int, rivers: int, steps: int, vehicles: int = VEHICLES) -> Iterator[str]:
     """Yield the faults of a piece of steps."""
-    listed, configs = river_list(piece, rivers), cases()
+    configs = cases()
     for index, config in enumerate(configs):
-        get = listed.course if config.vehicle == "uav" else listed.sounded
-        worlds = [get(river) for river in range(rivers)]
+        worlds = worlds_for(piece, rivers, config)
         watch = fly(worlds, config, steps // len(configs), piece * len(configs) + index, vehicles)
         yield from (f"{config.vehicle} {config.task}: {fault}" for fault in watch.faults)
 

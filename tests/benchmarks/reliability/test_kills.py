@@ -121,10 +121,16 @@ def test_times_checkpoints_and_pictures_are_not_compared(kills: ModuleType, tmp_
     (tmp_path / "metrics.csv").write_text("steps,seconds,return,time_act,steps_per_s\n1,2,3,4,5\n")
     (tmp_path / "status.json").write_text('{"seconds": 1.5, "steps": [1, {"time": 2}]}')
     changing = "checkpoints/1/state.json", "logs/a.txt", "report/page.html", "events.out.1", "checkpoint.safetensors"
+    changing += "report/limits.md", "report/limits.tex", ".runs.f7e06d74783257f0.part.csv"
     for name in changing:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("changes")
-    assert kills.contents(tmp_path) == {"metrics.csv": "steps,return\n1,3", "status.json": '{"steps": [1, {}]}'}
+    (tmp_path / "report" / "limits.csv").write_text("policy,minutes,cost\nPPO,5,1\n")
+    assert kills.contents(tmp_path) == {
+        "metrics.csv": "steps,return\n1,3",
+        "report/limits.csv": "policy,cost\nPPO,1",
+        "status.json": '{"steps": [1, {}]}',
+    }
 
 
 def test_the_newest_checkpoint_of_each_run_is_named(kills: ModuleType, tmp_path: Path):

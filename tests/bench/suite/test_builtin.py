@@ -100,6 +100,16 @@ def test_the_suite_of_geometry_trains_what_the_paper_does_on_its_codes():
     assert flown == {"", "unseen", "all_at_once"}
 
 
+def test_the_suite_of_imitation_trains_from_the_packaged_policy_on_images():
+    suite = SUITES["imitated"]
+    assert [arm.label for arm in suite.arms] == ["PPO-imitated", "PPOLag-imitated", "CPO-imitated"]
+    assert {(arm.begin_with, arm.observation, arm.steps, arm.seeds) for arm in suite.arms} == {
+        ("packaged", "rgb+mask", 100_000, (0, 1, 2))
+    }
+    assert {suite.seeds_of(arm, arm) for arm in suite.arms} == {tuple(range(1000, 1016))}
+    assert "packaged-0" in {run.name for run in suite.runs()}
+
+
 def test_open_choices_have_three_seeds_and_steps_by_the_kind_of_their_algorithm():
     arms = SUITES["open"].arms
     assert len(arms) == 16 and {arm.seeds for arm in arms} == {(0, 1, 2)}

@@ -15,7 +15,7 @@ from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import CONDITIONS, Condition
 from thalweg.bench.suite.arms import Arm, Stage
-from thalweg.bench.suite.config import Suite
+from thalweg.bench.suite.config import PACKAGED, PACKAGED_SEES, Suite
 from thalweg.bench.suite.priced import PRICED_SUITES, TRAINED_ON
 from thalweg.core.config import parse_config
 from thalweg.core.suggestion import did_you_mean
@@ -88,6 +88,18 @@ _PAPER = (*map(Arm, STUDIED), *map(Arm, BESIDE), *(Arm(name, "paper") for name i
 """The paper's comparison, and what the study trains beside it."""
 _GEOMETRY = tuple(Arm(name, seeds=(0, 1, 2) if _learns_on_policy(name) else (0,)) for name in (*STUDIED, *BESIDE))
 """The same algorithms on other codes; those that learn from a replay or a model have one seed."""
+_IMITATED = tuple(
+    Arm(
+        name,
+        settings={"policy": "cnn", "imitation_kl": 1.0, "imitation_kl_share": 0.5},
+        steps=100_000,
+        observation=PACKAGED_SEES,
+        begin_with=PACKAGED,
+        name=f"{name}-imitated",
+    )
+    for name in ("PPO", "PPOLag", "CPO")
+)
+"""Algorithms that begin with the packaged policy, which was imitated, and stay near it for half of their run."""
 _PRIVILEGED = tuple(Arm(name, steps=_steps(name)) for name in ALGORITHMS)
 
 SUITES: dict[str, Suite] = {
@@ -105,6 +117,13 @@ SUITES: dict[str, Suite] = {
             packaged=False,
             conditions=_named("unseen", "all_at_once"),
             encoder="geometry",
+        ),
+        Suite(
+            "imitated",
+            _IMITATED,
+            baselines=("pilot", "steady"),
+            conditions=_named("deterministic", "unseen", "real", "all_at_once"),
+            world_seeds=TRAINED_ON,
         ),
         Suite(
             "privileged",

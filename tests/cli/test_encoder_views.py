@@ -57,10 +57,10 @@ def test_frames_under_varied_looks_are_told_by_the_file(tmp_path: Path, monkeypa
 
     def collect(count: int, **options: object) -> np.ndarray:
         drawn.update(options)
-        return np.random.default_rng(0).integers(256, size=(count, 32, 32, 4), dtype=np.uint8)
+        return np.random.default_rng(0).integers(256, size=(count, 40, 40, 4), dtype=np.uint8)
 
     monkeypatch.setattr("thalweg.train.encoder.frames.collect_frames", collect)
-    out, small = tmp_path / "varied", ["--camera", "height_px=32", "width_px=32"]
+    out, small = tmp_path / "varied", ["--camera", "height_px=40", "width_px=40"]
     assert main(["encoder", "train", *TINY, *small, "--randomise", "--out", str(out)]) == 0
     assert drawn["randomisation"] is not None and drawn["quality"] == "full"
     checkpoint = read_tensors(out / "checkpoint.safetensors", "encoder training")[1]

@@ -67,7 +67,7 @@ def test_codes_of_another_shape_or_type_are_refused_by_name(squares: PluginEncod
         ({"name": "Mine"}, "the name of the encoder is 'Mine'; it must begin with a small letter"),
         ({"version": 0}, "the encoder mine has the version 0"),
         ({"inputs": "depth"}, "inputs of mine are 'depth'; there are rgb, mask, rgb+mask"),
-        ({"size_px": (96, 1.5)}, "size_px of mine: it must be a whole number from 16, or height and width"),
+        ({"size_px": (96, 1.5)}, "size_px of mine: it must be a whole number from 1, or height and width"),
         ({"latent": 0}, "latent of mine is 0; it must be a whole number above 0"),
         ({"make": None}, "make of mine is None; it must be called as make(device)"),
     ],

@@ -20,7 +20,7 @@ def test_shapes_follow_the_config(architecture, inputs, channels):
     assert reconstruction.min() >= 0 and reconstruction.max() <= 1
 
 
-@pytest.mark.parametrize(("architecture", "size"), [("lean", (96, 160)), ("lean", (17, 84)), ("paper", (17, 84))])
+@pytest.mark.parametrize(("architecture", "size"), [("lean", (96, 160)), ("lean", (40, 84)), ("paper", (40, 84))])
 def test_images_have_the_size_of_the_frames(architecture, size):
     vae, images = (
         VAE(VAEConfig(inputs="mask", latent=5, architecture=architecture, size_px=size)),
@@ -89,7 +89,7 @@ def test_loss_is_the_mean_square_and_the_weighted_kl():
         ({"inputs": "depth"}, r"unknown inputs 'depth'; known: rgb, mask, rgb\+mask"),
         ({"architecture": "huge"}, "unknown architecture 'huge'; known: lean, paper"),
         ({"latent": 0}, "latent must be a whole number above 0, got 0"),
-        ({"size_px": 8}, "size_px: it must be a whole number from 16, or height and width, got 8"),
+        ({"size_px": 32}, "size_px: it must be a whole number from 33, or height and width, got 32"),
         ({"learning_rate": 0.0}, "learning_rate must be a finite number above 0, got 0.0"),
     ],
 )

@@ -4,18 +4,19 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-LEAST_PX = 16
-"""Least side of a frame, that of `thalweg.render.Camera`."""
+LEAST_PX = 33
+"""Least side of a frame. The last of six convolutions then sees at least 2 pixels; of a map that is one pixel wide,
+oneDNN (PyTorch 2.13, bfloat16) leaves parts of the gradient of the weights unwritten, so that they become NaN."""
 
 
-def checked_size(size: Any) -> int | tuple[int, int]:
+def checked_size(size: Any, least: int = LEAST_PX) -> int | tuple[int, int]:
     """Return a frame's size as configs hold it: one number if height and width are the same, else both.
 
-    Raises `ValueError` for what is neither a whole number from `LEAST_PX` nor a pair of them.
+    Raises `ValueError` for what is neither a whole number from `least` on nor a pair of them.
     """
     pair = (size, size) if isinstance(size, int) else tuple(size) if isinstance(size, list | tuple) else ()
-    if len(pair) != 2 or any(type(side) is not int or side < LEAST_PX for side in pair):
-        raise ValueError(f"it must be a whole number from {LEAST_PX}, or height and width, got {size!r:.80}")
+    if len(pair) != 2 or any(type(side) is not int or side < least for side in pair):
+        raise ValueError(f"it must be a whole number from {least}, or height and width, got {size!r:.80}")
     return pair[0] if pair[0] == pair[1] else (pair[0], pair[1])
 
 

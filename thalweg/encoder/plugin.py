@@ -52,7 +52,7 @@ class EncoderPlugin:
         if type(self.latent) is not int or self.latent < 1:
             raise PluginError(f"latent of {self.name} is {self.latent!r}; it must be a whole number above 0")
         try:
-            object.__setattr__(self, "size_px", checked_size(self.size_px))
+            object.__setattr__(self, "size_px", checked_size(self.size_px, 1))
         except ValueError as error:
             raise PluginError(f"size_px of {self.name}: {error}") from error
 

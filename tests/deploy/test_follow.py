@@ -13,7 +13,18 @@ from thalweg.cli.main import main
 from thalweg.core.video import VideoError, open_video, read_video, write_video
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.export import OPTIONS, Exportable
-from thalweg.deploy.follow import WATER_RGB, Follower, cut_to, follow, frames_of_step, move_in_words, overlay
+from thalweg.deploy.follow import (
+    BACKGROUND,
+    MARGIN_PX,
+    VIEW_PX,
+    WATER_RGB,
+    Follower,
+    cut_to,
+    follow,
+    frames_of_step,
+    move_in_words,
+    overlay,
+)
 from thalweg.encoder.water import load_segmenter, mean_iou, water_in
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import Camera, Look, Renderer
@@ -79,6 +90,14 @@ def test_what_a_video_does_not_have_is_refused():
         Follower(policies.of_images("rgb+mask"))
     with pytest.raises(ExportError, match="takes proprioception, which a video does not have"):
         Follower(policies.of_codes("default", felt=True)[0], load_segmenter())
+
+
+def test_the_overlay_of_a_wide_frame_keeps_its_shape():
+    colours = np.full((48, 96, 3), 200, np.uint8)
+    drawn = overlay(colours, np.ones(4, int), np.full((48, 96), 255, np.uint8), "mine", 1)
+    shown = (drawn[:, MARGIN_PX : MARGIN_PX + VIEW_PX] != BACKGROUND).any(axis=(1, 2))
+    rows = np.flatnonzero(shown)
+    assert (len(rows), rows[0]) == (VIEW_PX // 2, MARGIN_PX + VIEW_PX // 4)
 
 
 def test_the_overlay_shades_the_water_that_was_found():

@@ -108,7 +108,7 @@ def overlay(colours: np.ndarray, options: np.ndarray, mask: np.ndarray | None, t
     shaded = colours.astype(np.float32)
     if mask is not None:
         shaded[mask > 0] = (1 - SHADE) * shaded[mask > 0] + SHADE * np.array(WATER_RGB, np.float32)
-    canvas.paste(Image.fromarray(shaded.astype(np.uint8)).resize((VIEW_PX, VIEW_PX)), (MARGIN_PX, MARGIN_PX))
+    _paste(canvas, Image.fromarray(shaded.astype(np.uint8)), VIEW_PX, (MARGIN_PX, MARGIN_PX))
     left, draw, font = VIEW_PX + 2 * MARGIN_PX, ImageDraw.Draw(canvas), ImageFont.load_default(size=15)
     for line, text in enumerate((title, f"step {step}")):
         draw.text((left, MARGIN_PX + line * LINE_PX), text, TEXT, font)
@@ -118,9 +118,17 @@ def overlay(colours: np.ndarray, options: np.ndarray, mask: np.ndarray | None, t
         draw.text(at, name if name != "none" else "-", QUIET if name in ("none", "backward") else TEXT, font)
     if mask is not None:
         top = height - MARGIN_PX - PANEL_PX
-        canvas.paste(Image.fromarray(mask).resize((PANEL_PX, PANEL_PX)).convert("RGB"), (left, top))
+        _paste(canvas, Image.fromarray(mask), PANEL_PX, (left, top))
         draw.text((left, top - LINE_PX), "water found", TEXT, font)
     return np.asarray(canvas)
+
+
+def _paste(canvas: Image.Image, picture: Image.Image, side_px: int, corner: tuple[int, int]) -> None:
+    """Paste a picture into the middle of a square, as large as fits; `corner`: left and upper end of the square."""
+    scale = side_px / max(picture.size)
+    width, height = (max(round(scale * side), 1) for side in picture.size)
+    at = corner[0] + (side_px - width) // 2, corner[1] + (side_px - height) // 2
+    canvas.paste(picture.resize((width, height)).convert("RGB"), at)
 
 
 def move_in_words(names: tuple[str, ...], choice: np.number) -> str:

@@ -9,12 +9,15 @@ A row of any_river.csv is appended as each cell is flown: a student's flights of
 a row is skipped, and training resumes in the folder `--runs`. `fixed` is the river of the level with `--episodes`
 starts; `unseen` as many rivers that nobody trains on, with one start each; `varied` the same under varied looks, suns,
 pitches and fields of view; `real` are reaches of real rivers, with `--episodes` starts each. The teacher flies all of
-them too, but for `varied`, since it sees no looks. Violations are episodes that end in a tight or loose cost.
+them too, but for `varied`, since it sees no looks. Violations are episodes that end in a tight or loose cost. Beside
+the table, `any_river_trainings.csv` has a row of each student that was trained here, with the minutes of its training,
+over all interruptions, and the greatest memory of the process that ended it.
 """
 
 import argparse
 import itertools
 import multiprocessing
+import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -35,6 +38,7 @@ from thalweg.bench.results.inference import Estimate, t_interval, widen_to_wilso
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.cache import file_hash
+from thalweg.core.machine import machine_info
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train import load_policy
 from thalweg.train.folder.run_record import POLICY
@@ -71,6 +75,9 @@ COLUMNS: tuple[str, ...] = (
 )
 KEY = COLUMNS[: 6 + len(VERSIONS)]
 """Columns that identify a cell."""
+
+
+TRAINING_COLUMNS = ("policy", "steps", "seed", *VERSIONS, "processor", "cores", "minutes", "peak_gib")
 
 
 @dataclass(frozen=True)
@@ -119,15 +126,36 @@ def student_folder(runs: Path, cell: Cell) -> Path:
     return runs / f"{cell.policy.replace('+', '-')}-{cell.steps}-{cell.seed}"
 
 
-def trained(runs: Path, cell: Cell, device: str = "cpu") -> Path:
-    """Return the folder of a cell's student, trained now or before."""
+def trained(runs: Path, cell: Cell, table: Path, device: str = "cpu") -> Path:
+    """Return the folder of a cell's student, trained now or before; a training that ends now gets a row in a table."""
     folder = student_folder(runs, cell)
     if not (folder / POLICY).is_file():  # trained here or elsewhere
         settings = {"observation": cell.policy}
-        Imitation(
+        imitation = Imitation(
             folder, steps=cell.steps, seed=cell.seed, world_seeds=WORLD_SEEDS, settings=settings, device=device
-        ).run(progress=True)
+        )
+        # A process of its own, whose greatest memory is that of this training alone.
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+            minutes, peak = pool.submit(timed, imitation).result()
+        append(table, TRAINING_COLUMNS, training_row(cell, minutes, peak))
     return folder
+
+
+def timed(imitation: Imitation) -> tuple[float, float]:
+    """Train a student, or resume; returns the minutes of its training and the peak memory of this process in GiB."""
+    import resource  # which Windows lacks
+
+    result = imitation.run(progress=True)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return result.seconds / 60, peak / (2**30 if sys.platform == "darwin" else 2**20)
+
+
+def training_row(cell: Cell, minutes: float, peak: float) -> dict[str, str]:
+    """Return the row of a training."""
+    machine = machine_info()
+    values = (cell.policy, cell.steps, cell.seed, *VERSIONS.values(), machine["cpu"], machine["cores"])
+    texts = (*map(str, values), f"{minutes:.1f}", f"{peak:.2f}")
+    return dict(zip(TRAINING_COLUMNS, texts, strict=True))
 
 
 def row_of(cell: Cell, episodes: Sequence[Episode]) -> dict[str, str]:
@@ -209,7 +237,8 @@ def main() -> None:
         print(f"{' '.join(map(str, student))}: {len(cells)} of {len(planned)} cells are to be flown", flush=True)
         if cells:
             teacher = student[0] == TEACHER
-            path = None if teacher else given.policy or trained(given.runs, cells[0], given.device)
+            trainings = given.out.with_name(f"{given.out.stem}_trainings.csv")
+            path = None if teacher else given.policy or trained(given.runs, cells[0], trainings, given.device)
             _fly_all(cells, path, given.jobs, given.out)
 
 

@@ -116,18 +116,31 @@ def share_at_bound(run: Path) -> float:
 
 
 def cost_by_quarter(log: TrainingLog) -> list[float]:
-    """Return the mean cost of the episodes that ended in each quarter of the steps; NaN where none did."""
+    """Return the mean cost of the episodes that ended in each quarter of the steps; NaN where none did.
+
+    A block of episodes counts as often as it has episodes, in the quarter in which its last one ended.
+    """
     costs, quarter = log.cost, _quarter(log)
-    return [float(costs[quarter == number].mean()) if (quarter == number).any() else np.nan for number in range(4)]
+    weights = log.episodes_of_rows
+    return [
+        float(np.average(costs[own], weights=weights[own])) if (own := quarter == number).any() else np.nan
+        for number in range(4)
+    ]
 
 
 def early_regret(log: TrainingLog) -> float:
     """Return the share of the regret that comes from the first quarter of the steps; NaN without regret."""
-    first = _quarter(log) == 0
-    costs = {"tight": log.tight[first], "loose": log.loose[first], "total": log.cost[first]}
-    early = replace(log, step=log.step[first], return_=log.return_[first], **costs)
-    total = regret(log, COST_LIMIT) * len(first)
-    return regret(early, COST_LIMIT) * float(first.sum()) / total if total else np.nan
+    first, counts = _quarter(log) == 0, log.episodes_of_rows
+    total = regret(log, COST_LIMIT) * float(counts.sum())
+    if not total or not first.any():
+        return 0.0 if total else np.nan
+    return regret(_rows(log, first), COST_LIMIT) * float(counts[first].sum()) / total
+
+
+def _rows(log: TrainingLog, kept: np.ndarray) -> TrainingLog:
+    """Return a log with the rows for which `kept` [K] is true, episodes or blocks of them."""
+    arrays = ("step", "return_", "tight", "loose", "total", "episodes", "violations")
+    return replace(log, **{name: None if (own := getattr(log, name)) is None else own[kept] for name in arrays})
 
 
 def _quarter(log: TrainingLog) -> np.ndarray:

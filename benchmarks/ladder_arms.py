@@ -1,7 +1,6 @@
 """Arms of the ladder of rivers and of the ablations: what is trained on which rivers, and the flights of each.
 
-There is no arm with one head over all joint moves in place of four branches: everything that reads a policy takes its
-branches.
+Students with one head over all joint moves, in place of one for each branch, are compared by `heads.py`.
 """
 
 import hashlib

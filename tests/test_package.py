@@ -55,7 +55,8 @@ def test_module_docstrings_are_statements():
 def test_the_pages_name_the_libraries_that_ci_tests():
     (given,) = re.findall(r'make test-interop LIBRARIES="(.*)"', (ROOT / ".ci" / "run").read_text())
     assert set(given.split()) <= set(names())
-    shown = {"pufferlib": "PufferLib", "stable_baselines3": "Stable-Baselines3", "torchrl": "TorchRL"}
+    shown = {"lerobot": "LeRobot", "pufferlib": "PufferLib"}
+    shown |= {"stable_baselines3": "Stable-Baselines3", "torchrl": "TorchRL"}
     *first, last = (shown[name] for name in given.split())
     for page in ("CONTRIBUTING.md", "docs/other-libraries.md"):
         words = " ".join((ROOT / page).read_text().split())

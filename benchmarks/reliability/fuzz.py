@@ -2,6 +2,7 @@
 
     python benchmarks/reliability/fuzz.py                                 # 100 pieces of 1,000 files of each kind
     python benchmarks/reliability/fuzz.py --kinds world policy --pieces 2
+    python benchmarks/reliability/fuzz.py --minutes 25                    # begins no piece later than that
     python benchmarks/reliability/fuzz.py --only world 3 517              # one file again, with its traceback
     python benchmarks/reliability/fuzz.py --smoke                         # 20 files of each kind, no table
 
@@ -27,7 +28,7 @@ from types import FrameType
 
 from fuzz_kinds import KINDS
 from kind import Kind, UnsoundError, check_sound
-from pieces import Pieces
+from pieces import Clock, Pieces
 
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "fuzz.csv"
@@ -151,6 +152,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kinds", nargs="+", choices=[*KINDS], default=[*KINDS])
     parser.add_argument("--pieces", type=int, default=PIECES, help="pieces of each kind")
+    parser.add_argument("--minutes", type=float, help="begin no piece later than so many minutes after the start")
     parser.add_argument("--files", type=int, default=FILES, help="files of each piece")
     parser.add_argument("--out", type=Path, default=TABLE)
     parser.add_argument("--kept", type=Path, default=HERE.parents[1] / "runs" / "fuzz", help="folder of failing files")
@@ -162,12 +164,14 @@ def main() -> int:
         again(given.only[0], int(given.only[1]), int(given.only[2]))
         return 0
     pieces, files = (1, 20) if given.smoke else (given.pieces, given.files)
-    table, failed = Pieces(given.out, KEY), 0
+    table, clock, failed = Pieces(given.out, KEY), Clock(given.minutes), 0
     for piece in range(pieces):
         for name in given.kinds:
             row = None if given.smoke else table.row(name, piece, files)
             if row is not None and row["failed"] == "0":
                 continue
+            if clock.is_over:
+                return 1 if failed else 0
             tally = fuzz(name, piece, files, None if given.smoke else given.kept)
             failed += len(tally.failures)
             print(

@@ -2,15 +2,16 @@
 
     python benchmarks/reliability/kills.py                            # 50 kills of each command
     python benchmarks/reliability/kills.py --commands train --kills 6
+    python benchmarks/reliability/kills.py --minutes 25               # begins no trial later than that
     python benchmarks/reliability/kills.py --smoke                    # one kill of `train`, no table
 
 Each command runs undisturbed; then in trials, each in a folder of its own. In a trial it is killed (SIGKILL) one to
 three times, at random moments after its folder was created, and then resumed to its end. Moments are shares of the
 processor time of the undisturbed run, so that other work on the machine does not move them. At the end all files must
 have the numbers of the undisturbed run, without any time; what was finished at a kill (a policy, an encoder, the
-flights of a trial) must be the same file, not another one with the same content; and the last checkpoint must still be
-there. kills.csv has a row for each kill; a trial that has its rows is skipped. The settings are tiny, and a checkpoint
-is written after every update.
+flights of a trial) must be the same file, not another one with the same content; and no checkpoint may be lost or
+written again, nor an epoch of an encoder lost. kills.csv has a row for each kill; a trial that has its rows is skipped.
+The settings are tiny, and a checkpoint is written after every update.
 """
 
 import argparse
@@ -30,7 +31,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
-from pieces import Pieces
+from pieces import Clock, Pieces
 
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "kills.csv"
@@ -84,8 +85,11 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 LASTING = ("policy.safetensors", "encoder.safetensors", "evaluation/*.csv")
 """Files that are written once, when what they hold is finished."""
 CHECKPOINTS = re.compile(r"(^|/)(checkpoints/|checkpoint\.)")
-NOT_COMPARED = re.compile(r"(^|/)(checkpoints/|checkpoint\.|logs/|events\.|report/.*\.(html|png|svg)$|error\.txt)")
-A_TIME = re.compile(r"second|time|_s$")
+NOT_COMPARED = re.compile(
+    r"(^|/)(checkpoints/|checkpoint\.|logs/|events\.|report/.*\.(html|png|svg|md|tex)$|error\.txt|\.[^/]*\.part)"
+)
+"""Files that hold times, tables that are there as CSV too, and hidden ones that killed processes leave half-written."""
+A_TIME = re.compile(r"second|minutes|time|_s$")
 """Names of columns and keys that hold times."""
 
 
@@ -208,12 +212,55 @@ def lasting(folder: Path) -> dict[str, tuple[int, int]]:
     return {path.relative_to(folder).as_posix(): (path.stat().st_ino, path.stat().st_mtime_ns) for path in paths}
 
 
+def checkpoints(folder: Path) -> dict[str, dict[int, tuple[int, int]]]:
+    """Return inode and time of change of the checkpoints of the runs in a folder, by run and step."""
+    found: dict[str, dict[int, tuple[int, int]]] = {}
+    for path in folder.rglob("checkpoints/[0-9]*/state.json"):
+        run = path.parents[2].relative_to(folder).as_posix()
+        found.setdefault(run, {})[int(path.parent.name)] = (path.stat().st_ino, path.stat().st_mtime_ns)
+    return found
+
+
 def newest_checkpoint(folder: Path) -> str:
     """Return the names of the newest checkpoints of the runs in a folder."""
-    newest: dict[Path, str] = {}
-    for path in folder.rglob("checkpoints/[0-9]*"):
-        newest[path.parent] = max(newest.get(path.parent, ""), path.name)
-    return " ".join(str(int(step)) for step in newest.values())
+    return " ".join(str(max(steps)) for steps in checkpoints(folder).values())
+
+
+def epochs(folder: Path) -> int:
+    """Return the number of finished epochs of an encoder, whose table follows its checkpoint; 0 of other runs."""
+    table = folder / "metrics.csv"
+    is_encoder = table.is_file() and not (folder / "checkpoints").is_dir()
+    return len(table.read_text().splitlines()) - 1 if is_encoder else 0
+
+
+@dataclass(frozen=True)
+class Secured:
+    """What a command has secured, so that no kill may undo it."""
+
+    finished: dict[str, tuple[int, int]]
+    checkpoints: dict[str, dict[int, tuple[int, int]]]
+    epochs: int
+
+    @classmethod
+    def of(cls, folder: Path) -> "Secured":
+        """Return what a command has secured in the folder of its run."""
+        return cls(lasting(folder), checkpoints(folder), epochs(folder))
+
+    def undone(self, later: "Secured") -> Iterator[str]:
+        """Yield what is not as it was, or is done again, some time later."""
+        for path, file in self.finished.items():
+            if file != later.finished.get(path):
+                yield f"{path} was finished and is another file now"
+        for run, before in self.checkpoints.items():
+            now = later.checkpoints.get(run, {})
+            is_finished = any(path.rpartition("/")[0] == run.removeprefix(".") for path in later.finished)
+            if max(before) > max(now, default=0) and not is_finished:
+                yield f"checkpoint {max(before)} of {run} is lost"
+            for step in before.keys() & now.keys():
+                if before[step] != now[step]:
+                    yield f"checkpoint {step} of {run} was written again"
+        if later.epochs < self.epochs:
+            yield f"{self.epochs} epochs were finished, and {later.epochs} are now"
 
 
 def trial(name: str, number: int, folder: Path, usual: Undisturbed) -> Iterator[dict[str, object]]:
@@ -222,7 +269,7 @@ def trial(name: str, number: int, folder: Path, usual: Undisturbed) -> Iterator[
     shutil.rmtree(folder, ignore_errors=True)
     rows: list[dict[str, object]] = []
     faults: list[str] = []
-    finished: dict[str, tuple[int, int]] = {}
+    before = Secured({}, {}, 0)
     for kill in range(1 + number % 3):
         after_s = random.random() * max(usual.total_s - usual.created_s, TICK_S)
         _, killed = watch(process := start(name, folder), folder / RUN, after_s)
@@ -230,20 +277,22 @@ def trial(name: str, number: int, folder: Path, usual: Undisturbed) -> Iterator[
             if process.returncode:
                 faults.append(f"resumed: ended with {process.returncode}")
             break
-        now = lasting(folder / RUN)
-        faults += [
-            f"{path} was finished and is another file now" for path in finished if finished[path] != now.get(path)
-        ]
-        finished = now
+        now = Secured.of(folder / RUN)
+        faults += before.undone(now)
+        before = now
         row: dict[str, object] = dict(zip(KEY, (name, number, kill), strict=True))
-        left = {"after_s": f"{after_s:.2f}", "finished": len(now), "checkpoint": newest_checkpoint(folder / RUN)}
+        left = {
+            "after_s": f"{after_s:.2f}",
+            "finished": len(now.finished),
+            "checkpoint": newest_checkpoint(folder / RUN),
+        }
         rows.append(row | left)
     try:
         finish(name, folder)
     except RuntimeError as error:
         faults.append(" ".join(str(error).split())[:300])
-    now, there = lasting(folder / RUN), contents(folder / RUN)
-    faults += [f"{path} was finished and is another file now" for path in finished if finished[path] != now.get(path)]
+    faults += before.undone(Secured.of(folder / RUN))
+    there = contents(folder / RUN)
     for path in sorted(usual.contents.keys() | there.keys()):
         if usual.contents.get(path) != there.get(path):
             faults.append(f"{path} differs from that of the undisturbed run")
@@ -257,6 +306,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--commands", nargs="+", choices=[*COMMANDS], default=[*COMMANDS])
     parser.add_argument("--kills", type=int, default=50, help="kills of each command")
+    parser.add_argument("--minutes", type=float, help="begin no trial later than so many minutes after the start")
     parser.add_argument("--out", type=Path, default=TABLE)
     parser.add_argument("--runs", type=Path, default=HERE.parents[1] / "runs" / "kills", help="folder of the runs")
     parser.add_argument("--smoke", action="store_true", help="one kill of train, without a table")
@@ -265,7 +315,7 @@ def main() -> int:
     if given.child:
         return child(given.child)
     runs, failed = given.runs.resolve(), False
-    table = Pieces(given.out, KEY)
+    table, clock = Pieces(given.out, KEY), Clock(given.minutes)
     for name in ("train",) if given.smoke else given.commands:
         usual, wanted, number = None, 1 if given.smoke else given.kills, 0
         done = 0
@@ -276,6 +326,8 @@ def main() -> int:
                 else [row for row in table.rows if (row["command"], row["trial"]) == (name, str(number))]
             )
             if not known or known[0]["faults"] != "0":
+                if clock.is_over:
+                    return 1 if failed else 0
                 usual = usual or undisturbed(name, runs / f"{name}-undisturbed")
                 known = list(trial(name, number, runs / f"{name}-{number}", usual))
                 for row in known:

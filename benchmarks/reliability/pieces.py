@@ -1,5 +1,9 @@
-"""Tables with a row for each finished piece of work; a piece that has a row is skipped."""
+"""Tables with a row for each finished piece of work; a piece that has a row is skipped.
 
+A clock says when no other piece may begin, for machines that are there for some hours only.
+"""
+
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -28,3 +32,16 @@ class Pieces:
 
     def _identity(self, row: Mapping[str, str]) -> tuple[str, ...]:
         return tuple(row[name] for name in self.key)
+
+
+class Clock:
+    """The time since the start of a script."""
+
+    def __init__(self, minutes: float | None) -> None:
+        """`minutes` may pass before it is over; None: it never is."""
+        self.until = None if minutes is None else time.monotonic() + 60 * minutes
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the time is over."""
+        return self.until is not None and time.monotonic() >= self.until

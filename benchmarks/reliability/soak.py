@@ -3,6 +3,7 @@
     python benchmarks/reliability/soak.py                        # 100 pieces of a million steps on ten rivers each
     python benchmarks/reliability/soak.py --frames               # 100 pieces of 10,000 frames of ten rivers each
     python benchmarks/reliability/soak.py --pieces 3
+    python benchmarks/reliability/soak.py --minutes 25           # begins no piece later than that
     python benchmarks/reliability/soak.py --smoke                # one river, a few steps, no table
 
 A piece flies every task with the UAV and the paper's with the boat, 256 vehicles at a time, half of them by the pilot,
@@ -16,23 +17,27 @@ that has a row without a fault is skipped.
 import argparse
 import sys
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from pieces import Pieces
+from pieces import Clock, Pieces
 
 from thalweg.core import versions
 from thalweg.env import ConfigError, EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
 from thalweg.env.tasks import TASKS
+from thalweg.env.vehicle.boat import FitError
 from thalweg.render import Renderer
 from thalweg.render.records.classes import SKY
 from thalweg.render.renderer import ALL_LAYERS
 from thalweg.world import World
 
 HERE = Path(__file__).resolve().parent
-LEVELS = ("Easy", "Medium", "Hard")
+LEVELS = {"uav": ("Easy", "Medium", "Hard"), "asv": ("Easy", "Medium-Deep", "Hard-Deep")}
+"""Levels of each vehicle: others are too shallow for the boat."""
 FIRST_SEED, RIVERS = 30_000, 10
 """Seed of the first river, and rivers of a piece."""
 VEHICLES, STEPS, FRAMES = 256, 1_000_000, 10_000
@@ -59,10 +64,24 @@ def cases() -> list[EnvConfig]:
     return found
 
 
-def river_list(piece: int, rivers: int) -> RiverList:
-    """Return the rivers of a piece, of all levels in turn."""
-    numbers = range(piece * RIVERS, piece * RIVERS + rivers)
-    return RiverList.of_levels([(LEVELS[number % len(LEVELS)], FIRST_SEED + number) for number in numbers])
+def river_list(piece: int, rivers: int, vehicle: str = "uav") -> RiverList:
+    """Return the rivers of a piece, of all levels of a vehicle in turn."""
+    numbers, levels = range(piece * RIVERS, piece * RIVERS + rivers), LEVELS[vehicle]
+    return RiverList.of_levels([(levels[number % len(levels)], FIRST_SEED + number) for number in numbers])
+
+
+def worlds_for(piece: int, rivers: int, config: EnvConfig) -> list[World]:
+    """Return the worlds of a piece as far as rules need them, without rivers that are refused for the boat's size."""
+    listed, worlds = river_list(piece, rivers, config.vehicle), []
+    for river in range(rivers):
+        if config.vehicle == "uav":
+            worlds.append(listed.course(river))
+            continue
+        with suppress(FitError):
+            world = listed.sounded(river)
+            pack_courses([world], config)
+            worlds.append(world)
+    return worlds
 
 
 class Watch:
@@ -151,10 +170,9 @@ def fly(worlds: Sequence[World], config: EnvConfig, steps: int, seed: int, vehic
 
 def soak_steps(piece: int, rivers: int, steps: int, vehicles: int = VEHICLES) -> Iterator[str]:
     """Yield the faults of a piece of steps."""
-    listed, configs = river_list(piece, rivers), cases()
+    configs = cases()
     for index, config in enumerate(configs):
-        get = listed.course if config.vehicle == "uav" else listed.sounded
-        worlds = [get(river) for river in range(rivers)]
+        worlds = worlds_for(piece, rivers, config)
         watch = fly(worlds, config, steps // len(configs), piece * len(configs) + index, vehicles)
         yield from (f"{config.vehicle} {config.task}: {fault}" for fault in watch.faults)
 
@@ -195,6 +213,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--frames", action="store_true", help="draw frames; the rules alone by default")
     parser.add_argument("--pieces", type=int, default=PIECES)
+    parser.add_argument("--minutes", type=float, help="begin no piece later than so many minutes after the start")
     parser.add_argument("--smoke", action="store_true", help="one piece of one river, without a table")
     parser.add_argument("--out", type=Path, help="the table; soak_steps.csv or soak_frames.csv here by default")
     given = parser.parse_args()
@@ -205,12 +224,14 @@ def main() -> int:
         return 1 if faults else 0
     table = Pieces(given.out or HERE / ("soak_frames.csv" if given.frames else "soak_steps.csv"), KEY)
     made_with = (versions.WORLD, versions.RULES, versions.TASKS, versions.RENDER)
-    failed = False
+    failed, clock = False, Clock(given.minutes)
     for piece in range(given.pieces):
         identity = (piece, RIVERS, amount, *made_with)
         row = table.row(*identity)
         if row is not None and row["faults"] == "0":
             continue
+        if clock.is_over:
+            break
         faults = list(soak(piece, RIVERS, amount))
         failed |= bool(faults)
         first = faults[0].replace(",", ";") if faults else ""

@@ -4,7 +4,7 @@ import csv
 import importlib
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -38,6 +38,32 @@ def test_a_row_by_hand(script: ModuleType, cell: Any):
     assert row["return_error"] == "1.915"  # deviation sqrt((9 + 9 + 25 + 1) / 3) = 3.830, halved
     assert row["reasons"] == "Collision=1 Idle=1 Success=2"
     assert (row["imitation"], row["render"]) == (str(versions.IMITATION), str(versions.RENDER))
+
+
+def test_a_training_that_ends_now_gets_a_row(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    class Pool:
+        submit = staticmethod(lambda *_: SimpleNamespace(result=lambda: (61.25, 7.5)))
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+    monkeypatch.setattr(script, "ProcessPoolExecutor", lambda *_: Pool())
+    student, table = script.Cell("rgb+mask", 9, 1, "unseen", "Hard", 4), tmp_path / "trainings.csv"
+    folder = script.trained(tmp_path, student, table)
+    (row,) = csv.DictReader(table.open())
+    assert (row["policy"], row["steps"], row["seed"]) == ("rgb+mask", "9", "1")
+    assert (row["minutes"], row["peak_gib"]) == ("61.2", "7.50")
+    folder.mkdir()
+    (folder / "policy.safetensors").touch()  # trained before: no second row
+    script.trained(tmp_path, student, table)
+    assert len(list(csv.DictReader(table.open()))) == 1
+
+
+def test_a_training_is_timed_with_the_memory_of_its_process(script: ModuleType):
+    minutes, peak = script.timed(SimpleNamespace(run=lambda progress: SimpleNamespace(seconds=90.0)))
+    assert minutes == 1.5 and 0.05 < peak < 64
 
 
 def test_cells_differ_by_all_that_they_are(script: ModuleType, cell: Any):

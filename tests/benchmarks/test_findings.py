@@ -40,6 +40,29 @@ def test_early_regret_is_the_share_of_the_first_quarter(findings: ModuleType):
     assert np.isnan(findings.early_regret(log([0.0], [10])))
 
 
+def blocks(rows: list[tuple[int, float, int]], last_step: int = 400) -> TrainingLog:
+    """A log of blocks: the step of the last episode, the mean cost, the number of episodes."""
+    step, cost, episodes = (np.array(each) for each in zip(*rows, strict=True))
+    none = np.zeros(len(rows))
+    violations = np.stack([episodes] * 3, axis=1)
+    return TrainingLog("PPO", 0, step, none, none, cost, last_step, cost, episodes, violations)
+
+
+def test_a_block_of_a_curve_counts_as_often_as_it_has_episodes(findings: ModuleType):
+    """Second quarter: 50 episodes at 0.8 and 10 at 0.2 are (40 + 2) / 60 = 0.7; blocks as episodes would give 0.5."""
+    log = blocks([(90, 1.0, 50), (150, 0.8, 50), (200, 0.2, 10), (380, 0.1, 25)])
+    found = findings.cost_by_quarter(log)
+    assert found[:2] == [1.0, pytest.approx(0.7)] and np.isnan(found[2]) and found[3] == pytest.approx(0.1)
+
+
+def test_early_regret_weighs_blocks_of_a_curve_by_their_episodes(findings: ModuleType):
+    """50 episodes at 0.3 are 10 beyond the limit of 0.1, 10 at 1.1 are 10: one half, and a third on the other side."""
+    assert findings.early_regret(blocks([(100, 0.3, 50), (101, 1.1, 10)])) == pytest.approx(0.5)
+    assert findings.early_regret(blocks([(100, 1.1, 10), (300, 0.5, 50)])) == pytest.approx(10 / 30)
+    assert findings.early_regret(blocks([(101, 1.0, 50)])) == 0.0
+    assert np.isnan(findings.early_regret(blocks([(50, 0.1, 50)])))
+
+
 def test_the_share_of_updates_with_the_multiplier_at_its_bound(findings: ModuleType, tmp_path: Path):
     (tmp_path / "metrics.csv").write_text("steps,multiplier\n1,2.0\n2,1.5\n3,2.0\n4,2.0\n")
     (tmp_path / "config.yaml").write_text("run:\n  config: {multiplier_max: 2.0}\n")

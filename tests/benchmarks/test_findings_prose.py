@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_ind
 
+from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.report.comparison_tables import return_change
 from thalweg.bench.report.policies import limit_met
@@ -110,6 +111,18 @@ def test_effects_of_mask_and_multiplier_on_focops(ways: Results):
         assert not is_certain(difference(ways, "FOCOPS-adam", "FOCOPS", field, level))
     usual, pid = (flown(ways, name) for name in ("FOCOPS", "FOCOPS-pid"))
     assert [row.return_ for row in usual] == [row.return_ for row in pid]
+
+
+def test_what_was_an_effect_of_settings():
+    seen = [row for row in read_csv(BENCHMARKS / "through_frames.csv", ("arm", "return")) if row["first_river"] == "1"]
+    flown = {name: [float(row["return"]) for row in seen if row["arm"] == name] for name in ("OnCRPO", "TD3Lag")}
+    assert {name: [round(each, 1) for each in found] for name, found in flown.items()} == {
+        "OnCRPO": [6.0], "TD3Lag": [8.8],
+    }  # fmt: skip
+    mean = {name: np.mean([float(row["return"]) for row in seen if row["arm"] == name]) for name in ("PPO", "PPOLag")}
+    assert mean["PPOLag"] >= mean["PPO"]
+    (timed,) = [row for row in read_csv(BENCHMARKS / "pace.csv", ("algorithm",)) if row["algorithm"] == "DDPGLag"]
+    assert round(float(timed["return_mean_50"]), 1) == 8.7
 
 
 def test_training_costs_in_each_quarter(study: Results, findings: ModuleType):

@@ -90,6 +90,7 @@ def test_the_help_of_encoder_train_names_the_defaults_of_each_target(
         "Epochs of training. (default: 100 for image, 16 for geometry, 77 for water)",
         "of flights. (default: 96 for geometry)",
         "or auto. (default: cpu for geometry)",
+        "the ground. (default: full for image, fast for geometry, full for water)",
     ):
         assert told in text
 
@@ -188,6 +189,8 @@ WRONG = [
     (["encoder", "train", "--out", "/dev/null"], "/dev/null is not a folder"),
     (["encoder", "train", "--level", "easy", "hard", "--out", "x"], "--level takes one level for --target image"),
     (["encoder", "train", "--held-out-seeds", "5", "--out", "x"], "--held-out-seeds is for --target geometry"),
+    (["encoder", "train", "--target", "geometry", "--randomise", "--out", "x"], "leave --randomise out"),
+    (["encoder", "train", "--camera", "fov=75", "--out", "x"], "--camera has no setting 'fov'"),
     (["encoder", "train", "--target", "geometry", "--out", "/dev/null"], "/dev/null is not a folder"),
     (["encoder", "train", "--target", "geometry", "--river", "a.gpx", "--out", "x"], "--river is for --target image"),
     (["encoder", "train", "--target", "geometry", "--banks", "meadow", "--out", "x"], "--banks is for --target image"),

@@ -1,11 +1,14 @@
 """Tests of `thalweg record` on the command line."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.image_policies import image_policy
+from thalweg.cli.flown_files import flown_files
 from thalweg.cli.main import main
 from thalweg.datasets.recordings import read_recordings
 from thalweg.env import EnvConfig, RiverVectorEnv
@@ -61,11 +64,7 @@ def test_a_flight_that_was_saved_is_recorded_through_another_camera(tmp_path: Pa
     assert found.options_of_flight["look"] == "autumn" and found.pilots == ("hand",)
 
 
-def test_an_interrupted_recording_says_what_it_has_and_the_same_command_makes_the_same_data_set(
-    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
-):
-    command = ["record", "steady", "--level", "easy", "--episodes", "3", "--steps", "3", "--size", "32"]
-    assert main([*command, "--out", str(tmp_path / "whole")]) == 0
+def interrupt_second_flight(command: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     record, flown = Observer.record, []
 
     def interrupted(*arguments: Any) -> int:
@@ -74,10 +73,18 @@ def test_an_interrupted_recording_says_what_it_has_and_the_same_command_makes_th
             raise KeyboardInterrupt
         return record(*arguments)
 
-    again = [*command, "--out", str(tmp_path / "again")]
     with monkeypatch.context() as patched:
         patched.setattr(Observer, "record", interrupted)
-        assert main(again) == 130
+        assert main(command) == 130
+
+
+def test_an_interrupted_recording_says_what_it_has_and_the_same_command_makes_the_same_data_set(
+    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    command = ["record", "steady", "--level", "easy", "--episodes", "3", "--steps", "3", "--size", "32"]
+    assert main([*command, "--out", str(tmp_path / "whole")]) == 0
+    again = [*command, "--out", str(tmp_path / "again")]
+    interrupt_second_flight(again, monkeypatch)
     assert "Flights that are finished: 1. The same command records the others." in capsys.readouterr().err
     assert main([*again, "--seed", "5"]) == 2
     assert "options.seed is 0 there and 5 here" in capsys.readouterr().err
@@ -87,6 +94,52 @@ def test_an_interrupted_recording_says_what_it_has_and_the_same_command_makes_th
     for one, other in zip(*(read_recordings(tmp_path / name)[1] for name in ("whole", "again")), strict=True):
         for name in ("rgb", "mask", "depth_m", "class_id", "poses", "options", "rewards", "costs"):
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+def test_a_recording_is_not_resumed_with_a_function_that_has_changed(
+    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    mine = tmp_path / "mine.py"
+    mine.write_text("def fly(image):\n    return 1, 1, 2, 1\n")
+    command = ["record", f"{mine}:fly", "--level", "easy", "--episodes", "2", "--steps", "2", "--size", "32"]
+    command += ["--layers", "mask", "--out", str(tmp_path / "flights")]
+    interrupt_second_flight(command, monkeypatch)
+    before = mine.read_text()
+    mine.write_text("def fly(image):\n    return 1, 1, 1, 1\n")
+    assert main(command) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert f"{mine}:fly has changed since the recording in" in told and "Restore the old file to resume" in told
+    mine.write_text(before)
+    assert main(command) == 0
+
+
+def test_what_is_flown_counts_by_its_content_wherever_it_lies(tmp_path: Path):
+    river, moved = tmp_path / "a.gpx", tmp_path / "other" / "a.gpx"
+    river.write_text("<gpx/>")
+    moved.parent.mkdir()
+    moved.write_text("<gpx/>")
+    mine = tmp_path / "mine.py"
+    mine.write_text("from beside import MOVE\n\n\ndef fly(image):\n    return MOVE\n")
+    (tmp_path / "beside.py").write_text("MOVE = (1, 1, 2, 1)\n")
+    found = flown_files("steady", river, [mine])
+    assert set(found) == {"river", "plugin 1"} and found["plugin 1"]["file"] == "mine.py"
+    assert flown_files("steady", moved, [mine]) == found
+    (tmp_path / "beside.py").write_text("MOVE = (1, 1, 1, 1)\n")
+    river.write_text("<gpx></gpx>")
+    changed = flown_files("steady", river, [mine])
+    assert all(changed[what]["content"] != found[what]["content"] for what in found)
+
+
+def test_a_policy_counts_by_its_file(tmp_path: Path):
+    run, other = tmp_path / "run", tmp_path / "moved" / "run"
+    run.mkdir()
+    image_policy("rgb", 32).save(run / "policy.safetensors")
+    shutil.copytree(run, other)
+    found = flown_files(str(run), None, ())
+    assert set(found) == {"policy"} and found["policy"]["file"] == "run"
+    assert flown_files(str(other), None, ()) == found
+    image_policy("mask", 32).save(run / "policy.safetensors")
+    assert flown_files(str(run), None, ())["policy"]["content"] != found["policy"]["content"]
 
 
 @pytest.mark.parametrize("form", ["lerobot", "minari"])

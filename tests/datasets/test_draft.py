@@ -77,6 +77,44 @@ def test_a_killed_recording_keeps_what_it_has_finished_and_resumes(form: Any, vi
     assert_holds_all(path, video)
 
 
+def begun(path: Path, **options: Any) -> Path:
+    """Record a flight, and fail in the second; returns the draft."""
+    with pytest.raises(RuntimeError), recording(path, "lerobot", ABOUT, **options) as writer:
+        add_flight(writer, FLIGHTS[0])
+        raise RuntimeError
+    return draft_folder(path)
+
+
+@pytest.mark.parametrize("content", [b"", b'{"about": ', b"[]", b"\xff\xfe"])
+@pytest.mark.parametrize("name", ["recording.json", "journal/000000.json"])
+def test_a_damaged_file_of_a_draft_is_named_with_what_to_do(name: str, content: bytes, tmp_path: Path):
+    draft = begun(tmp_path / "flights")
+    (draft / name).write_bytes(content)
+    told = f"{draft / name} is damaged .*remove the folder {draft}, .* to record anew, or name another --out"
+    with pytest.raises(DatasetError, match=told.replace("damaged ", "damaged")):
+        begun(tmp_path / "flights")
+
+
+def test_a_note_without_its_numbers_is_damaged(tmp_path: Path):
+    draft = begun(tmp_path / "flights")
+    (draft / "journal/000000.json").write_text('{"steps": "3"}')
+    with pytest.raises(DatasetError, match=r"000000\.json is damaged: it lacks the steps or the reason of a flight"):
+        finished_flights(tmp_path / "flights")
+
+
+def test_a_draft_is_resumed_for_files_of_the_same_content_only(tmp_path: Path):
+    path, river = tmp_path / "flights", {"file": "a.gpx", "content": "1"}
+    draft = begun(path, files={"river": river})
+    told = "a.gpx has changed since the recording in .* was started: its content was 1 and is 2 now"
+    with pytest.raises(DatasetError, match=told):
+        begun(path, files={"river": river | {"content": "2"}})
+    with pytest.raises(DatasetError, match=r"files\.river\.file is 'a.gpx' there and 'b.gpx' here"):
+        begun(path, files={"river": river | {"file": "b.gpx"}})
+    with pytest.raises(DatasetError, match=r"files\.policy is absent there and present here"):
+        begun(path, files={"river": river, "policy": river})
+    assert begun(path, files={"river": river}) == draft and len(finished_flights(path)) == 2
+
+
 @pytest.mark.parametrize("form", ["lerobot", "minari"])
 def test_a_recording_that_fails_when_all_is_flown_is_finished_by_the_same_command(
     form: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

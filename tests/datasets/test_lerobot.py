@@ -1,6 +1,6 @@
 """Tests of data sets of LeRobot, against the layout of version 3.0 as LeRobot 0.4 documents and reads it.
 
-LeRobot needs another version of torch than this project pins, so that it is not run here.
+LeRobot needs another version of torch than this project pins: tests/interop/test_lerobot.py reads data sets by itself.
 """
 
 import errno

@@ -46,6 +46,22 @@ def encoder() -> Encoder:
     return Encoder(trained_looking(VAEConfig(latent=16)), {"render_version": 3, "path": "some.safetensors"})
 
 
+@pytest.mark.parametrize("inputs", ["mask", "rgb+mask"])
+@pytest.mark.parametrize("size", [(96, 120), (60, 84)], ids=str)
+def test_frames_of_other_sizes_have_the_codes_of_the_model_in_any_batch(inputs, size, frames):
+    cut = np.ascontiguousarray(frames[:6, : size[0], : size[1]])
+    vae = trained_looking(VAEConfig(inputs=inputs, latent=8, size_px=size))
+    with torch.inference_mode():
+        expected = vae.encode(to_batch(cut, vae.config))[0].numpy()
+    encoder = Encoder(vae)
+    codes = encoder(cut)
+    assert np.abs(codes - expected).max() < 1e-5 * max(1, np.abs(expected).max()) and expected.std(0).min() > 1e-4
+    np.testing.assert_array_equal(encoder(cut[2:3])[0], codes[2])
+    assert encoder.decode(codes).shape[:3] == (6, *size)
+    with pytest.raises(EncoderInputError, match=f"frames of {size[0]} x {size[1]} pixels, not of 128 x 128"):
+        encoder(frames)
+
+
 @pytest.mark.parametrize("inputs", ["rgb", "mask", "rgb+mask"])
 @pytest.mark.parametrize("architecture", ["lean", "paper"])
 def test_folded_encoder_equals_the_model(inputs, architecture, frames):
@@ -125,8 +141,8 @@ def test_decode_gives_frames_of_the_inputs_channels(encoder, frames):
         ),
         (
             np.zeros((2, 96, 160, 4), np.uint8),
-            r"^this encoder takes frames of 128 x 128 pixels, not of 96 x 160 \(height x width\): set height_px and"
-            " width_px of the camera to 128, or use another encoder$",
+            r"^this encoder takes frames of 128 x 128 pixels, not of 96 x 160 \(height x width\): give the camera"
+            " height_px=128 and width_px=128, or use another encoder$",
         ),
         (np.zeros((2, 128, 128, 4), np.float32), "frames must be uint8, not float32"),
     ],

@@ -183,7 +183,7 @@ def test_each_kind_of_encoder_refuses_what_only_the_other_can(tmp_path: Path):
         ({"weights": (1.0,)}, "weights must be as many as targets, 2, got 1"),
         ({"weights": (0.0, 0.0)}, "weights must not all be 0"),
         ({"inputs": "sonar"}, "unknown inputs 'sonar'"),
-        ({"size_px": 100}, "size_px must be a multiple of 64 for the lean architecture, got 100"),
+        ({"size_px": (96, 8)}, r"size_px: it must be a whole number from 16, or height and width, got \(96, 8\)"),
         ({"batch": 1}, "batch must be"),
     ],
 )

@@ -29,7 +29,7 @@ def test_it_is_the_convolution_followed_by_the_leaky_relu(layer, monkeypatch, co
     images = images.contiguous(memory_format=torch.channels_last)
     with torch.inference_mode():
         expected = torch.nn.functional.leaky_relu(layer(images), LEAK)
-        found = LeakyConvolution(layer, 32)(images)
+        found = LeakyConvolution(layer, (32, 32))(images)
     assert (expected < 0).any() and (expected > 0).any()
     assert found.shape == (count, 16, 16, 16) and torch.equal(found, expected)
 

@@ -39,6 +39,8 @@ MASKS = {
     "noise": np.random.default_rng(0).integers(0, 256, (SIZE, SIZE)).astype(np.uint8),
 }
 
+OTHER_SIZES = {"wide": np.ascontiguousarray(river()[:40]), "high": np.ascontiguousarray(MASKS["noise"][:, :24])}
+
 
 @pytest.fixture(scope="module")
 def convolutions() -> list[torch.nn.Conv2d]:
@@ -46,7 +48,7 @@ def convolutions() -> list[torch.nn.Conv2d]:
 
 
 def features_of(convolutions: list[torch.nn.Conv2d], masks: np.ndarray) -> np.ndarray:
-    layers = mask_layers(convolutions, SIZE)
+    layers = mask_layers(convolutions, masks.shape[1:])
     features = np.full((len(masks), *output_shape(layers)), np.nan, np.float32)
     encode_masks(masks, layers, features)
     return features
@@ -60,9 +62,9 @@ def dense_features_of(convolutions: list[torch.nn.Conv2d], masks: np.ndarray) ->
     return images.permute(0, 2, 3, 1).numpy()
 
 
-@pytest.mark.parametrize("name", MASKS)
+@pytest.mark.parametrize("name", [*MASKS, *OTHER_SIZES])
 def test_features_are_those_of_dense_convolutions(convolutions, name):
-    masks = MASKS[name][None]
+    masks = (MASKS | OTHER_SIZES)[name][None]
     expected = dense_features_of(convolutions, masks)
     assert expected.std() > 0.01
     np.testing.assert_allclose(features_of(convolutions, masks), expected, rtol=0, atol=2e-6 * np.abs(expected).max())

@@ -67,12 +67,13 @@ def test_codes_of_another_shape_or_type_are_refused_by_name(squares: PluginEncod
         ({"name": "Mine"}, "the name of the encoder is 'Mine'; it must begin with a small letter"),
         ({"version": 0}, "the encoder mine has the version 0"),
         ({"inputs": "depth"}, "inputs of mine are 'depth'; there are rgb, mask, rgb+mask"),
+        ({"size_px": (96, 1.5)}, "size_px of mine: it must be a whole number from 16, or height and width"),
         ({"latent": 0}, "latent of mine is 0; it must be a whole number above 0"),
         ({"make": None}, "make of mine is None; it must be called as make(device)"),
     ],
 )
 def test_what_an_encoder_lacks_is_said(changes: dict[str, Any], words: str):
     given: dict[str, Any] = {"name": "mine", "make": lambda device: None, "latent": 2, "about": "a test", "version": 1}
-    assert EncoderPlugin(**given).size_px == 128
+    assert EncoderPlugin(**given).size_px == 128 and EncoderPlugin(**given, size_px=(96, 160)).size_px == (96, 160)
     with pytest.raises(PluginError, match=re.escape(words)):
         EncoderPlugin(**(given | changes))

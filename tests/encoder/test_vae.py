@@ -20,6 +20,16 @@ def test_shapes_follow_the_config(architecture, inputs, channels):
     assert reconstruction.min() >= 0 and reconstruction.max() <= 1
 
 
+@pytest.mark.parametrize(("architecture", "size"), [("lean", (96, 160)), ("lean", (17, 84)), ("paper", (17, 84))])
+def test_images_have_the_size_of_the_frames(architecture, size):
+    vae, images = (
+        VAE(VAEConfig(inputs="mask", latent=5, architecture=architecture, size_px=size)),
+        torch.rand(2, 1, *size),
+    )
+    with torch.inference_mode():
+        assert vae(images, torch.zeros(2, 5))[0].shape == images.shape
+
+
 def test_the_paper_architecture_has_the_papers_layers():
     vae = VAE(VAEConfig(architecture="paper"))
     down = [layer for layer in vae.encoder if isinstance(layer, nn.Conv2d)]
@@ -28,6 +38,12 @@ def test_the_paper_architecture_has_the_papers_layers():
     assert [layer.in_channels for layer in up] == [1024, 512, 256, 128, 64, 32]
     assert {(layer.kernel_size, layer.stride, layer.padding) for layer in down} == {((3, 3), (2, 2), (1, 1))}
     assert vae.mean.in_features == vae.log_variance.in_features == 1024 * 2 * 2
+
+
+def test_layers_halve_each_side_and_round_up():
+    # 96 x 160 after six halvings: 2 x 3 (1.5 x 2.5 before); the decoder begins with 3 x 5 blocks of 32 pixels.
+    vae = VAE(VAEConfig(size_px=(96, 160)))
+    assert vae.mean.in_features == 128 * 2 * 3 and vae.expand.out_features == 128 * 3 * 5
 
 
 def test_noise_moves_the_code_by_its_standard_deviation():
@@ -73,7 +89,7 @@ def test_loss_is_the_mean_square_and_the_weighted_kl():
         ({"inputs": "depth"}, r"unknown inputs 'depth'; known: rgb, mask, rgb\+mask"),
         ({"architecture": "huge"}, "unknown architecture 'huge'; known: lean, paper"),
         ({"latent": 0}, "latent must be a whole number above 0, got 0"),
-        ({"size_px": 100}, "size_px must be a multiple of 64 for the lean architecture, got 100"),
+        ({"size_px": 8}, "size_px: it must be a whole number from 16, or height and width, got 8"),
         ({"learning_rate": 0.0}, "learning_rate must be a finite number above 0, got 0.0"),
     ],
 )

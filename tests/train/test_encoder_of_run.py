@@ -89,7 +89,7 @@ def test_a_camera_of_another_size_than_the_encoders_is_refused_before_a_river_is
     training = RiverTraining("Medium", 1, config=EnvConfig(camera=Camera(96, 160)))
     message = (
         rf"the camera draws frames of 96 x 160 pixels \(height x width\), but the encoder"
-        rf" {tmp_path / 'run' / 'encoder.safetensors'} takes 128 x 128: set height_px and width_px of the camera to 128"
+        rf" {tmp_path / 'run' / 'encoder.safetensors'} takes 128 x 128: give the camera height_px=128 and width_px=128,"
     )
     with pytest.raises(TrainingError, match=message):
         training.train("PPO", own, steps=16, seed=0, folder=tmp_path / "new")

@@ -23,7 +23,7 @@ class Bench:
     """Train, evaluate and report a suite of runs; the same command resumes."""
 
     suite: Positional[str]
-    """quick, easy, open, protocols, paper, privileged, swimmers, nests, racingline, portage, or your own YAML file."""
+    """quick, easy, open, protocols, paper, geometry, imitated, privileged, swimmers etc., or your own YAML file."""
     out: Path | None = None
     """Folder of the results. It must be given, but for --verify, which makes runs again in NAME-verified by default."""
     jobs: int | None = None

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 from thalweg.cli.encoder_defaults import by_target
 from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, UsageError, check_file
 from thalweg.cli.run_result import tell_finished
+from thalweg.cli.views import camera_from
 from thalweg.core.seeds import parse_seeds
 
 
@@ -45,6 +46,12 @@ class EncoderTrain:
     """For geometry only: tasks whose views are learnt from; what a camera can tell of each is predicted too."""
     rivers_in_memory: int | None = None
     """For geometry only: greatest number of rivers in memory; derived from the free memory by default."""
+    camera: tuple[str, ...] = ()
+    """Settings of the camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration."""
+    quality: Annotated[Literal["full", "fast"] | None, by_target("quality")] = None
+    """Quality of the frames; `fast` leaves out reflections, filters less, and interpolates the ground."""
+    randomise: bool = False
+    """For image only: vary light, water, plants, lens, noise and clouds; the other targets are learnt so anyway."""
     device: Annotated[str | None, by_target("device")] = None
     """For geometry only: where to draw frames and learn: cpu, cuda, cuda:1, or auto."""
     seed: int = 0
@@ -59,8 +66,16 @@ class EncoderTrain:
         """Return the options of these names that were given."""
         return {name: value for name in names if (value := getattr(self, name)) not in (None, ())}
 
-    def _refuse_banks(self) -> None:
-        """Raise `UsageError` for --banks where several levels are learnt from."""
+    def _camera(self) -> Any:
+        """Return the camera of the frames; raises the errors of `camera_from`."""
+        from thalweg.train.encoder.drawing import LEVELS_CAMERA
+
+        return camera_from(self.camera) if self.camera else LEVELS_CAMERA
+
+    def _refuse_options_of_image(self) -> None:
+        """Raise `UsageError` for --randomise, which is always so, and for --banks, where there are several levels."""
+        if self.randomise:
+            raise UsageError(f"--target {self.target} is learnt under varied looks in any case: leave --randomise out")
         if self.river.banks and self.river.river is None:
             raise UsageError(
                 "--banks is for --target image: give levels with their banks, such as --level Medium+meadow"
@@ -69,6 +84,7 @@ class EncoderTrain:
     def _learn_images(self) -> int:
         """Train an autoencoder."""
         from thalweg.encoder import VAEConfig
+        from thalweg.train.encoder.drawing import Drawing, size_of
         from thalweg.train.encoder.training import collect_and_train
 
         if others := self._given("held_out_seeds", "views", "tasks", "rivers_in_memory", "device"):
@@ -80,11 +96,14 @@ class EncoderTrain:
         reach = self.river.reach("--level", self.level, levels_have_banks=True)
         named = self.level or ((DEFAULT_LEVEL["uav"],) if self.river.banks else ())
         ground = reach or next(map(self.river.on_banks, named), None)
+        drawing = Drawing(self._camera(), randomise=self.randomise, **self._given("quality"))
+        size = {"size_px": size_of(drawing.camera)}
         result = collect_and_train(
             self.out,
-            VAEConfig(inputs=self.inputs, architecture=self.architecture, **self._given("latent")),
+            VAEConfig(inputs=self.inputs, architecture=self.architecture, **size, **self._given("latent")),
             world_seeds=parse_seeds(self.world_seeds, "--world-seeds", UsageError),
             seed=self.seed,
+            drawing=drawing,
             command=shlex.join(["thalweg", *sys.argv[1:]]),
             **({"level": ground} if ground else {}),
             **self._given("images", "held_out", "epochs"),
@@ -97,7 +116,7 @@ class EncoderTrain:
         """Train a finder of water; raises `UsageError` for options that it does not take."""
         from thalweg.train.encoder.water import WaterTraining
 
-        self._refuse_banks()
+        self._refuse_options_of_image()
         river = ["river"] if self.river != NO_FILE else []
         changed = [name for name in ("inputs", "architecture") if getattr(self, name) != getattr(type(self), name)]
         if others := [*self._given("latent", "views", "tasks", "rivers_in_memory", "device"), *changed, *river]:
@@ -110,10 +129,11 @@ class EncoderTrain:
         result = WaterTraining(
             self.out,
             seed=self.seed,
+            camera=self._camera(),
             command=shlex.join(["thalweg", *sys.argv[1:]]),
             **({"levels": self.level} if self.level else {}),
             **seeds,
-            **self._given("images", "held_out", "epochs"),
+            **self._given("images", "held_out", "epochs", "quality"),
         ).run()
         if result.already_finished:
             tell_finished(self.out)
@@ -122,9 +142,10 @@ class EncoderTrain:
 
     def _learn_geometry(self) -> int:
         """Train an encoder of geometry."""
+        from thalweg.train.encoder.drawing import size_of
         from thalweg.train.encoder.geometry import GeometryTraining, geometry_config
 
-        self._refuse_banks()
+        self._refuse_options_of_image()
         if self.river.reach("--level", self.level) is not None:
             raise UsageError(
                 "--river is for --target image: geometry is learnt on rivers of several levels, and judged on others"
@@ -133,14 +154,17 @@ class EncoderTrain:
             name: parse_seeds(given, f"--{name.replace('_', '-')}", UsageError)
             for name, given in self._given("world_seeds", "held_out_seeds").items()
         }
+        camera = self._camera()
+        settings = {"inputs": self.inputs, "architecture": self.architecture, "size_px": size_of(camera)}
         result = GeometryTraining(
             self.out,
-            geometry_config(**self._given("tasks", "latent"), inputs=self.inputs, architecture=self.architecture),
+            geometry_config(**self._given("tasks", "latent"), **settings),
             seed=self.seed,
+            camera=camera,
             command=shlex.join(["thalweg", *sys.argv[1:]]),
             **({"levels": self.level} if self.level else {}),
             **seeds,
-            **self._given("images", "held_out", "epochs", "views", "tasks", "rivers_in_memory", "device"),
+            **self._given("images", "held_out", "epochs", "views", "tasks", "rivers_in_memory", "device", "quality"),
         ).run()
         if result.already_finished:
             tell_finished(self.out)
@@ -169,6 +193,7 @@ class EncoderShow:
         from thalweg.encoder import VAE, draw_reconstructions, load_encoder
         from thalweg.encoder.plugin import PluginEncoder, encoder_plugin
         from thalweg.train.encoder.frames import collect_frames
+        from thalweg.train.encoder_of_run import camera_of_encoder
 
         check_file("--out", self.out, ".png")
         plugin = None if self.path is None else encoder_plugin(str(self.path))
@@ -177,7 +202,8 @@ class EncoderShow:
             print(f"{key}: {value}")
         if not isinstance(encoder.model, VAE):
             return 0
-        draw_reconstructions(collect_frames(self.count, level=self.level, seed=self.seed), encoder, self.out)
+        frames = collect_frames(self.count, level=self.level, seed=self.seed, camera=camera_of_encoder(encoder))
+        draw_reconstructions(frames, encoder, self.out)
         print(f"{self.out}: {self.count} frames and their reconstructions")
         return 0
 

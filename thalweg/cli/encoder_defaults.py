@@ -34,11 +34,13 @@ def default_values(option: str) -> dict[str, Any]:
     """
     from thalweg.encoder import VAEConfig
     from thalweg.encoder.geometry import GeometryConfig
+    from thalweg.train.encoder.drawing import Drawing
     from thalweg.train.encoder.geometry import GeometryTraining
     from thalweg.train.encoder.training import collect_and_train
     from thalweg.train.encoder.water import WaterTraining
 
     image = {name: each.default for name, each in signature(collect_and_train).parameters.items()}
+    image |= _defaults(Drawing)
     homes = {
         "image": image | _defaults(VAEConfig),
         "geometry": _defaults(GeometryTraining) | _defaults(GeometryConfig),

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from thalweg.cli.options import UsageError, settings_from
+from thalweg.cli.options import NO_FILE, River, UsageError, settings_from
 from thalweg.cli.run_result import print_result
 from thalweg.cli.settings_help import HELP, print_settings
 from thalweg.core.seeds import parse_seeds
@@ -19,7 +19,8 @@ class Imitate:
     levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
     """Levels of the rivers that are flown."""
     world_seeds: tuple[str, ...] = ("1000:1064",)
-    """Seeds of rivers of each level, such as 1000:1256 (1256 excluded)."""
+    """Seeds of rivers of each level, such as 1000:1256 (1256 excluded); with --river 0, of its plants and hills."""
+    river: River = NO_FILE
     observation: Literal["rgb+mask", "rgb", "mask"] = "rgb+mask"
     """What the policy sees: the image and the water mask, or one of them."""
     recordings: tuple[Path, ...] = ()
@@ -53,12 +54,17 @@ class Imitate:
             raise UsageError("--set observation: give --observation instead")
         if self.recordings:
             return self._clone(settings)
+        named = self.levels if self.levels != type(self).levels else None
+        reach = self.river.reach("--levels", named, levels_have_banks=True)
+        levels = self.levels if reach else tuple(map(self.river.on_banks, self.levels))
+        usual = reach is not None and self.world_seeds == type(self).world_seeds
         imitation = Imitation(
             self.out,
             steps=self.steps,
             seed=self.seed,
-            levels=self.levels,
-            world_seeds=parse_seeds(self.world_seeds, "--world-seeds", UsageError),
+            levels=levels,
+            world_seeds=parse_seeds(("0",) if usual else self.world_seeds, "--world-seeds", UsageError),
+            river=reach,
             num_envs=self.num_envs,
             rivers_in_memory=self.rivers_in_memory,
             settings={**settings, "observation": self.observation},
@@ -66,14 +72,14 @@ class Imitate:
             device=self.device,
         )
         result = imitation.run(progress=True)
-        print_result(result, ["--levels", *self.levels, "--unseen"])
+        print_result(result, ["--levels", *levels, "--unseen"] if reach is None else self.river.words())
         return 0
 
     def _clone(self, settings: dict[str, Any]) -> int:
         """Learn from recordings; raises `UsageError` for options of flights."""
         from thalweg.train.imitation.cloning import Cloning
 
-        for name in ("levels", "world_seeds", "rivers_in_memory"):
+        for name in ("levels", "world_seeds", "river", "rivers_in_memory"):
             if getattr(self, name) != getattr(type(self), name):
                 raise UsageError(f"--{name.replace('_', '-')} does not go with --recordings, where nothing is flown")
         result = Cloning(

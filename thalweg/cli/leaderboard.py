@@ -11,7 +11,7 @@ from thalweg.core.atomic_io import write_atomic
 
 @dataclass(frozen=True)
 class Leaderboard:
-    """Rank the trained policies of results folders: first by meeting the cost limit, then by return."""
+    """Rank the policies of results folders, task by task: first by meeting the cost limit, then by return."""
 
     results: Positional[tuple[Path, ...]]
     """Folders that `thalweg bench` wrote."""

@@ -3,10 +3,12 @@
 import itertools
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from thalweg.cli.flight_options import policy_name
+from thalweg.cli.flown_files import flown_files
 from thalweg.cli.flown_flight import FlownFlight
 from thalweg.cli.options import UsageError
 from thalweg.core.config import to_plain
@@ -64,7 +66,12 @@ class Record(FlownFlight):
         with (
             progress_bar(Console(stderr=True), "flights") as progress,
             recording(
-                self.out, self.format, observer.about(), video=self.video, options=self._what_is_flown()
+                self.out,
+                self.format,
+                observer.about(),
+                video=self.video,
+                options=self._what_is_flown(),
+                files=flown_files(self.flight, self.river.river, self.plugin),
             ) as writer,
         ):
             task = progress.add_task(self.out.name, total=count, completed=writer.finished, rate="")
@@ -82,9 +89,11 @@ class Record(FlownFlight):
         return 0
 
     def _what_is_flown(self) -> dict[str, Any]:
-        """Return the options that decide what the flights are, as plain data; their number does not."""
-        ways = ("out", "format", "episodes", "video")
-        return {each.name: _plain(getattr(self, each.name)) for each in fields(self) if each.name not in ways}
+        """Return the options that decide what the flights are, as plain data; their number does not, and neither do
+        the folders of files."""
+        ways = ("out", "format", "episodes", "video", "plugin")
+        named = replace(self, flight=policy_name(self.flight))
+        return {each.name: _plain(getattr(named, each.name)) for each in fields(self) if each.name not in ways}
 
     def _check(self) -> None:
         """Raise `UsageError` for options that do not go together."""
@@ -121,10 +130,10 @@ def _end(reason: int) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return an option as data for JSON."""
+    """Return an option as data for JSON; of a file, its name."""
     value = to_plain(value)
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list):
         return [_plain(item) for item in value]
-    return str(value) if isinstance(value, Path) else value
+    return value.name if isinstance(value, Path) else value

@@ -45,9 +45,16 @@ def draft_folder(path: Path) -> Path:
 
 
 def finished_flights(path: Path) -> list[dict[str, Any]]:
-    """Return what was noted of the flights that an interrupted recording of `path` has finished."""
+    """Return what was noted of the flights that an interrupted recording of `path` has finished.
+
+    Raises `DatasetError` for a damaged note.
+    """
     journal = draft_folder(path) / JOURNAL
-    return [json.loads(file.read_text(encoding="utf-8")) for file in sorted(journal.glob("*.json"))]
+    notes = [(file, _read(file)) for file in sorted(journal.glob("*.json"))]
+    for file, note in notes:
+        if not all(type(note.get(name)) is int for name in ("steps", "reason")):
+            raise DatasetError(f"{file} is damaged: it lacks the steps or the reason of a flight{_begin_anew(file)}")
+    return [note for _, note in notes]
 
 
 def check_new(path: Path) -> None:
@@ -94,7 +101,12 @@ def _begin(folder: Path, about: dict[str, Any]) -> None:
     if RECORDING.is_new(folder):
         RECORDING.write_json(folder, about)
         return
-    found = list(differences(json.loads((folder / RECORDING.record).read_text(encoding="utf-8")), about))
+    recorded = _read(folder / RECORDING.record)
+    before = recorded.get("files") if isinstance(recorded.get("files"), dict) else {}
+    for what, now in about.get("files", {}).items():
+        if isinstance(then := before.get(what), dict):
+            RECORDING.require_same_file(folder, then, now)
+    found = list(differences(recorded, about))
     if found:
         raise DatasetError(
             f"{folder} has flights of an interrupted recording with other options: {'; '.join(found[:MAX_NAMED])}."
@@ -102,6 +114,23 @@ def _begin(folder: Path, about: dict[str, Any]) -> None:
         )
     for unfinished in folder.rglob(".*.part*"):
         unfinished.unlink(missing_ok=True)
+
+
+def _read(file: Path) -> dict[str, Any]:
+    """Return the plain data of a file of a draft; raises `DatasetError` for a damaged one."""
+    try:
+        data = json.loads(file.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:  # also for bytes that are no text
+        raise DatasetError(f"{file} is damaged ({error}){_begin_anew(file)}") from error
+    if not isinstance(data, dict):
+        raise DatasetError(f"{file} is damaged: it holds a {type(data).__name__}, not a mapping{_begin_anew(file)}")
+    return data
+
+
+def _begin_anew(file: Path) -> str:
+    """Return what to do about a damaged file of a draft."""
+    draft = next(folder for folder in file.parents if folder.name != JOURNAL)
+    return f": remove the folder {draft}, which an interrupted recording left, to record anew, or name another --out"
 
 
 def _remove_all_but_lock(folder: Path) -> None:

@@ -20,6 +20,7 @@ from thalweg.datasets.steps import DataSetWriter, write_flight
 Format = Literal["lerobot", "minari"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 NO_OPTIONS: Mapping[str, Any] = {}
+NO_FILES: Mapping[str, Mapping[str, str]] = {}
 
 
 def check_recording(path: Path, form: str, *, video: bool) -> None:
@@ -35,7 +36,13 @@ def check_recording(path: Path, form: str, *, video: bool) -> None:
 
 @contextmanager
 def recording(
-    path: Path, form: Format, about: About, *, video: bool = False, options: Mapping[str, Any] = NO_OPTIONS
+    path: Path,
+    form: Format,
+    about: About,
+    *,
+    video: bool = False,
+    options: Mapping[str, Any] = NO_OPTIONS,
+    files: Mapping[str, Mapping[str, str]] = NO_FILES,
 ) -> Iterator[DataSetWriter]:
     """Yield a writer of flights; the folder appears when the block ends without an error.
 
@@ -48,11 +55,13 @@ def recording(
         video: Keep the colours as H.264 instead of lossless frames.
         options: What says which flights are recorded, as plain data; one that was interrupted resumes only if it is
             the same.
+        files: `file`, the name, and `content`, its hash, of each file that decides what is recorded, by what it is
+            for; one that has changed since then is refused by its name.
 
     Raises the errors of `check_recording` and `draft_of`, and `DatasetError` if no flight was added.
     """
     check_recording(path, form, video=video)
-    told = {"format": form, "video": video, "about": asdict(about), "options": dict(options)}
+    told = {"format": form, "video": video, "about": asdict(about), "options": dict(options), "files": dict(files)}
     with draft_of(path, told) as draft:
         writer = LeRobotWriter(draft, about, video=video) if form == "lerobot" else MinariWriter(draft, about)
         yield writer

@@ -9,8 +9,9 @@ from thalweg.encoder.encoder import (
     load_encoder,
 )
 from thalweg.encoder.files import EncoderFileError, load_vae, save_geometry, save_vae
+from thalweg.encoder.frame_size import sides
 from thalweg.encoder.geometry import GeometryConfig, GeometryNetwork
-from thalweg.encoder.plugin import EncoderPlugin, PluginEncoder, encoder_names, encoder_plugin
+from thalweg.encoder.plugin import EncoderPlugin, PluginEncoder, encoder_names, encoder_plugin, encoder_size
 from thalweg.encoder.reconstruction import draw_reconstructions, mean_image_mse, reconstruct, reconstruction_mse
 from thalweg.encoder.training import Source, TrainingResult, train_encoder
 from thalweg.encoder.vae import ARCHITECTURES, VAE, EncoderInputError, VAEConfig, kl_divergence, vae_loss
@@ -34,6 +35,7 @@ __all__ = [
     "draw_reconstructions",
     "encoder_names",
     "encoder_plugin",
+    "encoder_size",
     "fold_batch_norms",
     "kl_divergence",
     "load_encoder",
@@ -43,6 +45,7 @@ __all__ = [
     "reconstruction_mse",
     "save_geometry",
     "save_vae",
+    "sides",
     "train_encoder",
     "vae_loss",
 ]

@@ -13,6 +13,8 @@ from thalweg.encoder.files import EncoderFileError, read_tensors
 ADAM = "adam."
 """Prefix of the names of Adam's moments."""
 ANEW = "train in a new folder"
+SEEN = ("camera", "quality", "randomise")
+"""What a run may say of its frames; it is absent where they are as usual."""
 Row = dict[str, float | None]
 """An epoch: its row of metrics.csv."""
 
@@ -86,7 +88,7 @@ def check_folder(folder: Path, kind: FolderKind, run: Mapping[str, Any]) -> None
         _, about = read_tensors(path, kind.owner)
         if not isinstance(recorded := about.get("run", {}), Mapping):
             raise EncoderFileError(f"{path}: its run is {recorded!r:.40}, not a mapping; {ANEW}")
-        kind.require_same(folder, {key: recorded[key] for key in run if key in recorded}, run)
+        kind.require_same(folder, {key: recorded[key] for key in (*run, *SEEN) if key in recorded}, run)
 
 
 def _restore_memory_layout(optimizer: torch.optim.Adam) -> None:

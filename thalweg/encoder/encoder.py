@@ -24,9 +24,10 @@ from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import run_in_torch_threads
 from thalweg.core.suggestion import did_you_mean
 from thalweg.encoder.files import EncoderFileError, encoder_file, load_model
+from thalweg.encoder.frame_size import halved, sides
 from thalweg.encoder.geometry import GeometryNetwork
 from thalweg.encoder.leaky_convolution import LeakyConvolution
-from thalweg.encoder.mask_layers import encode_masks, mask_layers, output_shape
+from thalweg.encoder.mask_layers import SPARSE_STEP, encode_masks, mask_layers, output_shape
 from thalweg.encoder.vae import VAE, EncoderInputError
 
 DEFAULT_PATH = Path(__file__).with_name("default.safetensors")
@@ -68,10 +69,11 @@ class Encoder:
         for layer in convolutions:
             layer.to(self._device, self._dtype, memory_format=torch.channels_last)  # pyright: ignore
         sparse = self.inputs == "mask" and self._device.type == "cpu" and self._dtype == torch.float32
-        self._mask_layers = mask_layers(convolutions, self.config.size_px) if sparse else ()
+        sparse = sparse and not any(side % SPARSE_STEP for side in sides(self.config.size_px))
+        self._mask_layers = mask_layers(convolutions, sides(self.config.size_px)) if sparse else ()
         self._convolutions = nn.Sequential(
             *(
-                LeakyConvolution(layer, self.config.size_px >> depth)
+                LeakyConvolution(layer, halved(self.config.size_px, depth))
                 for depth, layer in enumerate(convolutions)
                 if depth >= len(self._mask_layers)
             )
@@ -138,7 +140,7 @@ class Encoder:
         return self._linear(features)[: len(frames)].float()
 
     def _inputs_of(self, frames: Tensor) -> Tensor:
-        """Return what the dense convolutions take, [K, C, S, S]: the frames, or the first features of masks."""
+        """Return what the dense convolutions take, [K, C, H, W]: the frames, or the first features of masks."""
         if self._mask_layers:
             masks = np.ascontiguousarray(frames[..., 0].cpu().numpy())
             features = np.empty((len(masks), *output_shape(self._mask_layers)), np.float32)
@@ -168,14 +170,14 @@ class Encoder:
             return self.model.predict(torch.as_tensor(codes, dtype=torch.float32)).numpy()
 
     def _check(self, shape: tuple[int, ...], dtype: Any) -> None:
-        size, channels = self.config.size_px, self.config.channels
-        if len(shape) == 4 and shape[1:3] != (size, size):
+        (height, width), channels = sides(self.config.size_px), self.config.channels
+        if len(shape) == 4 and shape[1:3] != (height, width):
             raise EncoderInputError(
-                f"this encoder takes frames of {size} x {size} pixels, not of {shape[1]} x {shape[2]} (height x width):"
-                f" set height_px and width_px of the camera to {size}, or use another encoder"
+                f"this encoder takes frames of {height} x {width} pixels, not of {shape[1]} x {shape[2]} (height x"
+                f" width): give the camera height_px={height} and width_px={width}, or use another encoder"
             )
         if len(shape) != 4 or shape[3] not in (len(channels), 4):
-            counts = " or ".join(f"[N, {size}, {size}, {count}]" for count in dict.fromkeys((len(channels), 4)))
+            counts = " or ".join(f"[N, {height}, {width}, {count}]" for count in dict.fromkeys((len(channels), 4)))
             raise EncoderInputError(f"an encoder of {self.inputs} takes frames {counts}, not {list(shape)}")
         if dtype not in (np.uint8, torch.uint8):
             raise EncoderInputError(f"frames must be uint8, not {dtype}")

@@ -6,7 +6,7 @@ seeds, errors, the command) is stored in the JSON and never enters a computation
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -16,6 +16,7 @@ from safetensors.torch import save as serialize
 
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.config import parse_config, to_plain
+from thalweg.encoder.frame_size import sides
 from thalweg.encoder.geometry import GeometryConfig, GeometryNetwork
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig
 
@@ -66,6 +67,12 @@ def read_tensors(path: str | Path, kind: str, *others: str) -> tuple[dict[str, t
     return tensors, about
 
 
+def frame_size_of(path: str | Path) -> tuple[int, int]:
+    """Return height and width of the frames that the encoder of an intact file takes, without loading its tensors."""
+    with safe_open(path, framework="pt") as file:
+        return sides(json.loads(file.metadata()[KEY])["config"]["size_px"])
+
+
 def save_vae(path: str | Path, vae: VAE, about: Mapping[str, Any], *, half_decoder: bool = True) -> None:
     """Write an autoencoder and its description `about`.
 
@@ -76,7 +83,7 @@ def save_vae(path: str | Path, vae: VAE, about: Mapping[str, Any], *, half_decod
         decodes = name.startswith(("decoder.", "expand."))
         small = half_decoder and decodes and tensor.is_floating_point() and bool(tensor.half().isfinite().all())
         tensors[name] = tensor.half() if small else tensor
-    write_tensors(path, tensors, {**about, "kind": AUTOENCODER, "format": FORMAT, "config": asdict(vae.config)})
+    write_tensors(path, tensors, {**about, "kind": AUTOENCODER, "format": FORMAT, "config": to_plain(vae.config)})
 
 
 def load_vae(path: str | Path) -> tuple[VAE, dict[str, Any]]:

@@ -15,6 +15,7 @@ from pydantic import Field, PositiveInt, model_validator
 from torch import Tensor, nn
 
 from thalweg.core.config import FiniteNonNegative, FinitePositive, TupleOf, frozen_config
+from thalweg.encoder.frame_size import FrameSize
 from thalweg.encoder.vae import (
     ARCHITECTURES,
     CHANNELS,
@@ -22,6 +23,7 @@ from thalweg.encoder.vae import (
     EncoderInputError,
     check_architecture,
     encoder_layers,
+    features_of,
 )
 
 
@@ -39,8 +41,8 @@ class GeometryConfig:
     """Z, the number of dimensions of a code."""
     architecture: str = "lean"
     """Whose convolutions: "lean" (fast on a CPU) or "paper" (those of the paper)."""
-    size_px: int = 128
-    """Height and width of a frame."""
+    size_px: FrameSize = 128
+    """Height and width of a frame: a number for a square, or both."""
     hidden: PositiveInt = 256
     """Size of the layer between the convolutions and the code."""
     huber: FinitePositive = 1.0
@@ -54,7 +56,7 @@ class GeometryConfig:
 
     @model_validator(mode="after")
     def _names_are_known_and_fit(self) -> Self:
-        check_architecture(self.inputs, self.architecture, self.size_px, decodes=False)
+        check_architecture(self.inputs, self.architecture)
         if not self.targets or len(set(self.targets)) < len(self.targets):
             raise ValueError(f"targets must be at least one, each once, got {', '.join(self.targets) or 'none'}")
         if self.weights and len(self.weights) != len(self.targets):
@@ -103,9 +105,8 @@ class GeometryNetwork(nn.Module):
         super().__init__()
         self.config = config
         shape, count = ARCHITECTURES[config.architecture], len(config.targets)
-        small = config.size_px // shape.stride
         self.encoder = encoder_layers(len(config.channels), shape)
-        self.hidden = nn.Linear(shape.encoder[-1] * small * small, config.hidden)
+        self.hidden = nn.Linear(features_of(config.size_px, shape), config.hidden)
         # No bias: the norm that follows would remove it.
         self.code = nn.Linear(config.hidden, config.latent, bias=False)
         self.norm = nn.BatchNorm1d(config.latent, affine=False)

@@ -22,15 +22,15 @@ TYPICAL_FRAMES = 8
 class LeakyConvolution(nn.Module):
     """Maps images [N, C, H, W] to the leaky ReLU of a convolution of stride 2, [N, C', H / 2, W / 2]."""
 
-    def __init__(self, layer: nn.Conv2d, size_px: int) -> None:
-        """Take the weights of a layer, on its device; `size_px` is H = W of the images."""
+    def __init__(self, layer: nn.Conv2d, size_px: tuple[int, int]) -> None:
+        """Take the weights of a layer, on its device; `size_px` is H and W of the images."""
         super().__init__()
         self.layer = layer
         self._packed: Tensor | None = None
         weight = layer.weight
         # For bfloat16, oneDNN refuses processors that PyTorch has other code for.
         if FUSED is not None and weight.is_cpu and weight.dtype == torch.float32:
-            shape = (TYPICAL_FRAMES, weight.shape[1], size_px, size_px)
+            shape = (TYPICAL_FRAMES, weight.shape[1], *size_px)
             self._packed = _packed(weight.detach(), shape)
 
     def forward(self, images: Tensor) -> Tensor:

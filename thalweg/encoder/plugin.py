@@ -10,6 +10,8 @@ from torch import Tensor
 from thalweg.core.plugins.lookup import find, names
 from thalweg.core.plugins.record import RESERVED, Plugin, PluginError, check_record
 from thalweg.encoder.encoder import PACKAGED, Encoder
+from thalweg.encoder.files import frame_size_of
+from thalweg.encoder.frame_size import checked_size, sides
 from thalweg.encoder.vae import CHANNELS, VAE, EncoderInputError
 
 GROUP = "thalweg.encoders"
@@ -37,8 +39,8 @@ class EncoderPlugin:
     """Version of its codes, 1 or more; to be raised when they change, as with other weights."""
     inputs: str = "rgb+mask"
     """Channels of the frames: "rgb", "mask" or "rgb+mask"."""
-    size_px: int = 128
-    """H and W."""
+    size_px: int | tuple[int, int] = 128
+    """H and W: a number for both, or a pair."""
     plugin_group: ClassVar[str] = GROUP
 
     def __post_init__(self) -> None:
@@ -47,9 +49,12 @@ class EncoderPlugin:
             raise PluginError(f"make of {self.name} is {self.make!r}; it must be called as make(device)")
         if self.inputs not in CHANNELS:
             raise PluginError(f"inputs of {self.name} are {self.inputs!r}; there are {', '.join(CHANNELS)}")
-        for field in ("latent", "size_px"):
-            if type(value := getattr(self, field)) is not int or value < 1:
-                raise PluginError(f"{field} of {self.name} is {value!r}; it must be a whole number above 0")
+        if type(self.latent) is not int or self.latent < 1:
+            raise PluginError(f"latent of {self.name} is {self.latent!r}; it must be a whole number above 0")
+        try:
+            object.__setattr__(self, "size_px", checked_size(self.size_px))
+        except ValueError as error:
+            raise PluginError(f"size_px of {self.name}: {error}") from error
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -103,3 +108,9 @@ def encoder_plugin(name: str) -> Plugin | None:
 def encoder_names() -> list[str]:
     """Return the names of all encoders, those of plug-ins last."""
     return [*PACKAGED, *(name for name in names(GROUP) if name not in PACKAGED)]
+
+
+def encoder_size(name: str) -> tuple[int, int]:
+    """Return height and width of the frames that the encoder of a name takes, one of `encoder_names`."""
+    plugin = encoder_plugin(name)
+    return frame_size_of(PACKAGED[name]) if plugin is None else sides(plugin.record.size_px)

@@ -13,6 +13,7 @@ from PIL import Image, ImageDraw
 
 from thalweg.core.atomic_io import write_picture
 from thalweg.encoder.encoder import Encoder
+from thalweg.encoder.frame_size import sides
 from thalweg.encoder.geometry import GeometryConfig
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig
 
@@ -25,10 +26,9 @@ FIGURE_LABEL_PX = 16
 def check_images(images: np.ndarray, config: VAEConfig | GeometryConfig, held_out: int = 0) -> None:
     """Raise `EncoderInputError` unless images are uint8 [K, H, W, 4] of the config's size and 2 remain to train on."""
     shape, kind = np.shape(images), getattr(images, "dtype", None)
-    if len(shape) != 4 or shape[1:] != (config.size_px, config.size_px, 4) or kind != np.uint8:
-        raise EncoderInputError(
-            f"images must be uint8 [K, {config.size_px}, {config.size_px}, 4], not {kind} {list(shape)}"
-        )
+    height, width = sides(config.size_px)
+    if len(shape) != 4 or shape[1:] != (height, width, 4) or kind != np.uint8:
+        raise EncoderInputError(f"images must be uint8 [K, {height}, {width}, 4], not {kind} {list(shape)}")
     if held_out < 0 or shape[0] - held_out < 2:
         raise EncoderInputError(f"of {shape[0]} images, {held_out} can't be held out: at least 2 must be left")
 

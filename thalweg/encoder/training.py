@@ -11,7 +11,7 @@ import io
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.config import to_plain
 from thalweg.core.machine import package_version
 from thalweg.core.notices import notice
 from thalweg.core.run_folder import FolderKind
@@ -83,13 +84,15 @@ def train_encoder(
     precision: str = "auto",
     device: str = "cpu",
     source: Source = Source(),
+    identity: Mapping[str, Any] | None = None,
     progress: bool = True,
 ) -> TrainingResult:
     """Train on images uint8 [K, H, W, 4] and write `folder/encoder.safetensors`; resumes what was interrupted.
 
     `held_out` images, drawn by `seed`, are only measured. `precision` is "float32", "bfloat16" or "auto": bfloat16
-    where the machine has instructions for it. Raises `EncoderInputError` for images or settings that don't fit, and
-    `EncoderFileError` when the folder holds another run or a damaged checkpoint, or another process is at it.
+    where the machine has instructions for it. `identity` describes the images: a folder of others is refused. Raises
+    `EncoderInputError` for images or settings that don't fit, and `EncoderFileError` when the folder holds another run
+    or a damaged checkpoint, or another process is at it.
     """
     check_images(images, config, held_out)
     if epochs < 1 or batch < 2:
@@ -97,7 +100,7 @@ def train_encoder(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     run = {
-        "config": asdict(config),
+        "config": to_plain(config),
         "epochs": epochs,
         "batch": batch,
         "seed": seed,
@@ -105,6 +108,7 @@ def train_encoder(
         "images": len(images),
         "images_hash": hashlib.sha256(np.ascontiguousarray(images).data).hexdigest()[:16],
         "precision": resolve_precision(precision, device),
+        **(identity or {}),
     }
     train_images, held_out_images = (images[part] for part in split_indices(len(images), held_out, seed))
     with ENCODER_FOLDER.locked(folder):

@@ -15,6 +15,7 @@ from pydantic import PositiveInt, model_validator
 from torch import nn
 
 from thalweg.core.config import FiniteNonNegative, FinitePositive, frozen_config
+from thalweg.encoder.frame_size import FrameSize, halved, sides
 
 CHANNELS = {"rgb": (0, 1, 2), "mask": (3,), "rgb+mask": (0, 1, 2, 3)}
 """Which channels of a frame [H, W, 4] each kind of input takes."""
@@ -32,11 +33,6 @@ class Architecture:
     """True: a step is a convolution and a pixel shuffle; False: a transposed convolution of stride 2."""
     last: int
     """Factor by which the last step enlarges, to the image's channels."""
-
-    @property
-    def stride(self) -> int:
-        """Pixels of the frame to one pixel of the smallest map of the encoder."""
-        return 2 ** len(self.encoder)
 
     @property
     def growth(self) -> int:
@@ -68,16 +64,16 @@ class VAEConfig:
     """Z, the number of dimensions of a code."""
     architecture: str = "lean"
     """"lean" (fast on a CPU) or "paper" (the layers of the paper)."""
-    size_px: int = 128
-    """Height and width of a frame."""
+    size_px: FrameSize = 128
+    """Height and width of a frame: a number for a square, or both."""
     kl_weight: FiniteNonNegative = 0.00025
     """Weight of the KL divergence relative to the mean squared error."""
     learning_rate: FinitePositive = 1e-3
     """Step size of Adam."""
 
     @model_validator(mode="after")
-    def _names_are_known_and_the_size_fits(self) -> Self:
-        check_architecture(self.inputs, self.architecture, self.size_px)
+    def _names_are_known(self) -> Self:
+        check_architecture(self.inputs, self.architecture)
         return self
 
     @property
@@ -86,19 +82,12 @@ class VAEConfig:
         return CHANNELS[self.inputs]
 
 
-def check_architecture(inputs: str, architecture: str, size_px: int, *, decodes: bool = True) -> None:
-    """Raise `ValueError` for unknown inputs or architectures, and for a size that its layers do not divide.
-
-    `decodes` is whether the model has the architecture's decoder.
-    """
+def check_architecture(inputs: str, architecture: str) -> None:
+    """Raise `ValueError` for unknown inputs or architectures."""
     if inputs not in CHANNELS:
         raise ValueError(f"unknown inputs {inputs!r}; known: {', '.join(CHANNELS)}")
     if architecture not in ARCHITECTURES:
         raise ValueError(f"unknown architecture {architecture!r}; known: {', '.join(ARCHITECTURES)}")
-    shape = ARCHITECTURES[architecture]
-    step = max(shape.stride, shape.growth) if decodes else shape.stride
-    if size_px < step or size_px % step:
-        raise ValueError(f"size_px must be a multiple of {step} for the {architecture} architecture, got {size_px}")
 
 
 class VAE(nn.Module):
@@ -108,14 +97,13 @@ class VAE(nn.Module):
         super().__init__()
         self.config = config
         shape = ARCHITECTURES[config.architecture]
-        small = config.size_px // shape.stride
-        features = shape.encoder[-1] * small * small
+        features = features_of(config.size_px, shape)
         self.encoder = encoder_layers(len(config.channels), shape)
         self.mean = nn.Linear(features, config.latent)
         self.log_variance = nn.Linear(features, config.latent)
-        start = config.size_px // shape.growth
-        self.expand = nn.Linear(config.latent, shape.decoder[0] * start * start)
-        self.unflatten = nn.Unflatten(1, (shape.decoder[0], start, start))
+        start = tuple(-(-side // shape.growth) for side in sides(config.size_px))
+        self.expand = nn.Linear(config.latent, shape.decoder[0] * start[0] * start[1])
+        self.unflatten = nn.Unflatten(1, (shape.decoder[0], *start))
         self.decoder = _decoder_layers(len(config.channels), shape)
         self.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
 
@@ -127,7 +115,10 @@ class VAE(nn.Module):
     def decode(self, codes: torch.Tensor) -> torch.Tensor:
         """Return the images [N, C, H, W] float32 in 0..1 from codes [N, Z]."""
         start = self.unflatten(self.expand(codes)).contiguous(memory_format=torch.channels_last)
-        return torch.sigmoid(self.decoder(start).float())
+        images, (height, width) = self.decoder(start), sides(self.config.size_px)
+        if images.shape[2:] != (height, width):  # the decoder's sizes are multiples of its growth
+            images = images[:, :, :height, :width]
+        return torch.sigmoid(images.float())
 
     def forward(self, images: torch.Tensor, noise: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Return reconstruction, mean and log variance from images [N, C, H, W] and standard normal noise [N, Z]."""
@@ -156,6 +147,12 @@ def vae_loss(
     error = nn.functional.mse_loss(reconstruction, images)
     divergence = kl_divergence(mean, log_variance)
     return error + weight * divergence, error, divergence
+
+
+def features_of(size: int | tuple[int, int], shape: Architecture) -> int:
+    """Return how many numbers the convolutions of an encoder make of a frame of a size."""
+    height, width = halved(size, len(shape.encoder))
+    return shape.encoder[-1] * height * width
 
 
 def encoder_layers(channels: int, shape: Architecture) -> nn.Sequential:

@@ -1,11 +1,14 @@
-"""The encoder of a run: where its file was, whether it is still there, and which camera it fits."""
+"""The encoder of a run: where its file was, whether it is still there, and whose frames it was trained on."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from thalweg.core.cache import file_hash
-from thalweg.encoder import PACKAGED, Encoder, PluginEncoder, encoder_plugin
+from thalweg.core.config import parse_config
+from thalweg.core.notices import notice
+from thalweg.core.run_folder import differences
+from thalweg.encoder import PACKAGED, Encoder, PluginEncoder, encoder_plugin, sides
 from thalweg.render import Camera
 from thalweg.train.errors import TrainingError
 
@@ -81,10 +84,33 @@ def encoder_in_words(context: Mapping[str, Any]) -> str:
 
 def check_camera_fits(camera: Camera, encoder: Encoder) -> None:
     """Raise `TrainingError` unless a camera draws frames of the size that an encoder takes."""
-    side = encoder.config.size_px
-    if (camera.height_px, camera.width_px) != (side, side):
+    check_size_fits(camera, sides(encoder.config.size_px), str(encoder.about.get("path", "")))
+
+
+def check_size_fits(camera: Camera, taken: tuple[int, int], name: str) -> None:
+    """Raise `TrainingError` unless a camera draws frames of the height and width taken by the encoder of a name."""
+    height, width = taken
+    if (camera.height_px, camera.width_px) != (height, width):
         raise TrainingError(
             f"the camera draws frames of {camera.height_px} x {camera.width_px} pixels (height x width), but the"
-            f" encoder {encoder.about.get('path', '')} takes {side} x {side}: set height_px and width_px of the camera"
-            f" to {side}, or use another encoder"
+            f" encoder {name} takes {height} x {width}: give the camera height_px={height} and"
+            f" width_px={width}, or use another encoder"
+        )
+
+
+def camera_of_encoder(encoder: Encoder) -> Camera:
+    """Return the camera whose frames an encoder was trained on; that of the levels, with the size that the encoder
+    takes, if its file does not say it."""
+    height, width = sides(encoder.config.size_px)
+    told = encoder.about.get("camera")
+    return Camera(height, width) if told is None else parse_config(Camera, told, "the camera of an encoder")
+
+
+def tell_other_optics(camera: Camera, encoder: Encoder) -> None:
+    """Print a notice if an encoder's file names another camera than that of a training: its codes tell less then."""
+    if "camera" in encoder.about and (
+        found := list(differences(camera_of_encoder(encoder).as_data(), camera.as_data()))
+    ):
+        notice(
+            f"the encoder {encoder.about.get('path', '')} was trained on frames of another camera: {'; '.join(found)}"
         )

@@ -8,7 +8,7 @@ from typing import Any
 from thalweg.algos.policy.actions import Actions
 from thalweg.core import versions
 from thalweg.core.cache import file_hash
-from thalweg.encoder import Encoder, PluginEncoder
+from thalweg.encoder import Encoder, PluginEncoder, sides
 from thalweg.env.config import DEFAULT_CONFIG, ActionSpace
 from thalweg.env.forces.options import ForceOptions
 from thalweg.env.spaces import CHANNELS
@@ -82,11 +82,10 @@ def camera_of(policy: Any, encoder: Encoder | None = None) -> Camera:
     """
     told = context_of(policy).get("env", {}).get("camera")
     camera = Camera(**told) if isinstance(told, Mapping) else DEFAULT_CONFIG.camera
-    return (
-        camera
-        if encoder is None
-        else replace(camera, height_px=encoder.config.size_px, width_px=encoder.config.size_px)
-    )
+    if encoder is None:
+        return camera
+    height, width = sides(encoder.config.size_px)
+    return replace(camera, height_px=height, width_px=width)
 
 
 def action_of(policy: Any) -> ActionSpace:

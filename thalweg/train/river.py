@@ -22,7 +22,7 @@ from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.tasks import task_plugin
 from thalweg.render import RENDER_VERSION, compilation
-from thalweg.train.encoder_of_run import check_camera_fits, file_of_its_own
+from thalweg.train.encoder_of_run import check_camera_fits, file_of_its_own, tell_other_optics
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, read_context
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
@@ -237,6 +237,7 @@ class RiverTraining:
             check_policy_fits(begun, encoder, offered=seen, proprioception=felt, **of)
         if encoder is not None:
             check_camera_fits(self.config.camera, encoder)
+            tell_other_optics(self.config.camera, encoder)
         device = resolve_device(device)
         if seen in IMAGES and device != "cpu":
             raise TrainingError(f"policy=cnn learns on the CPU only, not on {device}: leave the device out")

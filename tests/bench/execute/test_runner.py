@@ -366,7 +366,8 @@ def test_the_record_of_a_suite_names_versions_and_machine(tmp_path: Path):
 def test_the_suites_are_found_by_name_and_an_unknown_one_lists_them():
     assert suite_named("Quick") is SUITES["quick"]
     arms = SUITES["paper"].arms
-    assert [arm.label for arm in arms] == [*STUDIED, "PPO-paper", "FOCOPS-paper"]
+    published = ("PPO-paper", "FOCOPS-paper", "TD3Lag-paper", "SafeLOOP-paper")
+    assert [arm.label for arm in arms] == [*STUDIED, "CPO", "CUP", *published]
     assert {(arm.steps, arm.seeds) for arm in arms} == {(200_000, (0, 1, 2))}
     with pytest.raises(
         ResultsError, match=r"unknown suite 'papr' .did you mean 'paper'.*; known: quick, easy, open, protocols, paper"

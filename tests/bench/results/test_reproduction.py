@@ -6,11 +6,22 @@ from pathlib import Path
 import pytest
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.results.reproduction import Table, compare_means, compare_to_the_bit, other_conditions
+from thalweg.bench.results.reproduction import (
+    SEED_DEVIATIONS,
+    TOLERANCES,
+    Table,
+    compare_means,
+    compare_to_the_bit,
+    other_conditions,
+)
 
 CURVE = Table("curve", "runs/{run}/episodes.csv", ("step", "return", "cost"), steps=100)
 FLIGHTS = Table("Easy", "evaluation/{run}-Easy.csv", ("return", "cost", "success"))
-MADE = {"machine": {"cpu": "A", "system": "Linux", "learning_threads": 1}, "versions": {"numpy": "2"}, "device": "cpu"}
+MADE = {
+    "machine": {"cpu": "A", "cpu_type": "znver5", "vector_bits": 512, "system": "Linux", "learning_threads": 1},
+    "versions": {"numpy": "2"},
+    "device": "cpu",
+}
 
 
 def written(folder: Path, name: str, *rows: str, header: str = "step,return,cost") -> Path:
@@ -51,6 +62,20 @@ def test_means_of_a_curve_are_those_of_its_last_tenth(tmp_path: Path):
     assert part.differences == ()
     expected = "return 8.50 there, 9.00 here (tolerance 1.00); cost 0.25 there, 0.25 here (tolerance 0.25)"
     assert part.means == expected
+
+
+def test_a_block_of_a_curve_counts_as_often_as_it_has_episodes(tmp_path: Path):
+    header = "step,episodes,return,cost"
+    blocks = written(tmp_path, "a", "10,50,1.0,1.0", "95,50,8.0,0.0", "99,10,2.0,0.6", header=header)
+    part = compare_means(CURVE, [blocks], blocks, blocks)
+    assert part.means.startswith("return 7.00 there, 7.00 here")  # (50 * 8 + 10 * 2) / 60
+
+
+def test_the_page_states_the_tolerances():
+    page = " ".join((Path(__file__).resolve().parents[3] / "docs" / "bench.md").read_text().split())
+    words = "return within {return:g} point, cost of an episode within {cost:g}, success within {success:g}"
+    assert words.format(**TOLERANCES) in page
+    assert f"or within {['zero', 'one', 'two', 'three'][int(SEED_DEVIATIONS)]} standard deviations" in page
 
 
 @pytest.mark.parametrize(("seeds", "tolerance"), [((8.0,), "1.00"), ((8.0, 8.0), "1.00"), ((8.0, 6.0, 7.0), "3.00")])
@@ -104,6 +129,8 @@ def test_the_same_processor_packages_and_threads_leave_no_other_condition():
     ("changed", "said"),
     [
         ({"machine": {**MADE["machine"], "cpu": "B"}}, "cpu A there, B here"),
+        ({"machine": {**MADE["machine"], "cpu_type": "znver3"}}, "cpu type znver5 there, znver3 here"),
+        ({"machine": {**MADE["machine"], "vector_bits": 256}}, "vector bits 512 there, 256 here"),
         ({"machine": {**MADE["machine"], "learning_threads": 2}}, "learning threads 1 there, 2 here"),
         ({"versions": {"numpy": "3"}}, "numpy 2 there, 3 here"),
         ({"device": "cuda"}, "device cpu there, cuda here"),

@@ -84,6 +84,40 @@ def test_the_privileged_suite_trains_every_algorithm_and_flies_on_unseen_rivers(
     assert trials == ["Easy", "Medium", "Hard", "Easy, unseen", "Medium, unseen", "Hard, unseen"]
 
 
+ON_POLICY = ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "CPO", "CUP")
+
+
+def test_the_suite_of_geometry_trains_what_the_paper_does_on_its_codes():
+    suite = SUITES["geometry"]
+    study = [arm.label for arm in SUITES["paper"].arms if arm.preset == "default"]
+    assert [arm.label for arm in suite.arms] == study
+    assert {arm.label: arm.seeds for arm in suite.arms} == {
+        name: (0, 1, 2) if name in ON_POLICY else (0,) for name in study
+    }
+    assert {(arm.steps, arm.preset, suite.level_of(arm)) for arm in suite.arms} == {(200_000, "default", "Medium")}
+    assert {suite.encoder_of(run) for run in suite.runs()} == {"geometry"}
+    flown = {trial.condition.name for trial in suite.trials(Run("train", "PPO", 0))}
+    assert flown == {"", "unseen", "all_at_once"}
+
+
+def test_the_suite_of_imitation_trains_from_the_packaged_policy_on_images():
+    suite = SUITES["imitated"]
+    assert [arm.label for arm in suite.arms] == ["PPO-imitated", "PPOLag-imitated", "CPO-imitated"]
+    assert {(arm.begin_with, arm.observation, arm.steps, arm.seeds) for arm in suite.arms} == {
+        ("packaged", "rgb+mask", 100_000, (0, 1, 2))
+    }
+    assert {suite.seeds_of(arm, arm) for arm in suite.arms} == {tuple(range(1000, 1016))}
+    assert "packaged-0" in {run.name for run in suite.runs()}
+
+
+def test_open_choices_have_three_seeds_and_steps_by_the_kind_of_their_algorithm():
+    arms = SUITES["open"].arms
+    assert len(arms) == 16 and {arm.seeds for arm in arms} == {(0, 1, 2)}
+    assert {(arm.algorithm, arm.steps) for arm in arms} == {
+        ("FOCOPS", 200_000), *((name, 100_000) for name in ("DDPGLag", "SACLag", "SafeLOOP", "CCEPETS")),
+    }  # fmt: skip
+
+
 def test_an_arm_may_see_something_else_than_its_suite(tmp_path: Path):
     text = """
 arms: [{algorithm: PPO}, {algorithm: PPO, observation: frames}, {algorithm: PPO, observation: privileged, name: eye}]

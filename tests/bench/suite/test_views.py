@@ -50,6 +50,21 @@ def test_a_file_says_what_is_seen_in_training_and_flights_are_drawn_as_ever(tmp_
         claim(tmp_path / "results", OWN)
 
 
+def test_a_camera_whose_frames_do_not_fit_the_encoder_is_refused_when_the_suite_is_read(tmp_path: Path):
+    (tmp_path / "wide.yaml").write_text(WIDE.replace("fov_deg: 75", "height_px: 96, width_px: 160"))
+    told = (
+        r"suite wide: PPO: the camera draws frames of 96 x 160 pixels \(height x width\), but the encoder default takes"
+        " 128 x 128: give the camera height_px=128 and width_px=128"
+    )
+    with pytest.raises(ResultsError, match=told):
+        load_suite(str(tmp_path / "wide.yaml"))
+    wide = TrainingViews(Camera(96, 160))
+    with pytest.raises(ResultsError, match=r"Mine: the camera draws .* the encoder geometry takes 128 x 128"):
+        replace(OWN, arms=(Arm("PPO", name="Mine", encoder="geometry"),), views=wide)
+    images = Arm("PPO", settings={"policy": "cnn"}, observation="rgb")
+    assert replace(OWN, arms=(images,), views=wide).views.camera == Camera(96, 160)
+
+
 def test_the_lens_of_a_suite_is_read_back_and_named():
     suite = replace(OWN, views=TrainingViews(Camera(lens=Lens("plumb_bob", (-0.2, 0.04)))))
     data = suite.as_data()

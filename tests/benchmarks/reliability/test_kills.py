@@ -1,5 +1,6 @@
 """Tests of the kills: what is compared and what is not, on a command that takes a moment."""
 
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -75,19 +76,65 @@ def test_what_was_finished_must_stay_the_same_file(kills: ModuleType, tmp_path: 
     assert kills.lasting(tmp_path) != before
 
 
+def write_checkpoints(folder: Path, *steps: int) -> None:
+    for step in steps:
+        (folder / "checkpoints" / f"{step:012d}").mkdir(parents=True, exist_ok=True)
+        (folder / "checkpoints" / f"{step:012d}" / "state.json").write_text("{}")
+
+
+def test_a_checkpoint_may_neither_be_lost_nor_written_again(kills: ModuleType, tmp_path: Path):
+    write_checkpoints(tmp_path / "runs" / "a", 256, 512)
+    before = kills.Secured.of(tmp_path)
+    assert list(before.undone(kills.Secured.of(tmp_path))) == []
+    write_checkpoints(tmp_path / "runs" / "a", 768)
+    shutil.rmtree(tmp_path / "runs" / "a" / "checkpoints" / f"{256:012d}")  # the two newest are kept
+    assert list(before.undone(kills.Secured.of(tmp_path))) == []
+    (tmp_path / "runs" / "a" / "checkpoints" / f"{512:012d}" / "state.json").unlink()
+    write_checkpoints(tmp_path / "runs" / "a", 512)
+    assert list(before.undone(kills.Secured.of(tmp_path))) == ["checkpoint 512 of runs/a was written again"]
+    shutil.rmtree(tmp_path / "runs" / "a" / "checkpoints")
+    write_checkpoints(tmp_path / "runs" / "a", 128)
+    lost = list(before.undone(kills.Secured.of(tmp_path)))
+    assert lost == ["checkpoint 512 of runs/a is lost"]
+    (tmp_path / "runs" / "a" / "policy.safetensors").write_text("")  # a finished run needs none
+    assert list(before.undone(kills.Secured.of(tmp_path))) == []
+
+
+def test_a_run_in_the_folder_itself_is_told_from_others(kills: ModuleType, tmp_path: Path):
+    write_checkpoints(tmp_path, 512)
+    before = kills.Secured.of(tmp_path)
+    assert list(before.checkpoints) == ["."]
+    shutil.rmtree(tmp_path / "checkpoints")
+    assert list(before.undone(kills.Secured.of(tmp_path))) == ["checkpoint 512 of . is lost"]
+    (tmp_path / "policy.safetensors").write_text("")
+    assert list(before.undone(kills.Secured.of(tmp_path))) == []
+
+
+def test_finished_epochs_of_an_encoder_may_not_be_lost(kills: ModuleType, tmp_path: Path):
+    (tmp_path / "metrics.csv").write_text("epoch\n1\n2\n3\n")
+    before = kills.Secured.of(tmp_path)
+    (tmp_path / "metrics.csv").write_text("epoch\n1\n")
+    assert list(before.undone(kills.Secured.of(tmp_path))) == ["3 epochs were finished, and 1 are now"]
+
+
 def test_times_checkpoints_and_pictures_are_not_compared(kills: ModuleType, tmp_path: Path):
     (tmp_path / "metrics.csv").write_text("steps,seconds,return,time_act,steps_per_s\n1,2,3,4,5\n")
     (tmp_path / "status.json").write_text('{"seconds": 1.5, "steps": [1, {"time": 2}]}')
     changing = "checkpoints/1/state.json", "logs/a.txt", "report/page.html", "events.out.1", "checkpoint.safetensors"
+    changing += "report/limits.md", "report/limits.tex", ".runs.f7e06d74783257f0.part.csv"
     for name in changing:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("changes")
-    assert kills.contents(tmp_path) == {"metrics.csv": "steps,return\n1,3", "status.json": '{"steps": [1, {}]}'}
+    (tmp_path / "report" / "limits.csv").write_text("policy,minutes,cost\nPPO,5,1\n")
+    assert kills.contents(tmp_path) == {
+        "metrics.csv": "steps,return\n1,3",
+        "report/limits.csv": "policy,cost\nPPO,1",
+        "status.json": '{"steps": [1, {}]}',
+    }
 
 
 def test_the_newest_checkpoint_of_each_run_is_named(kills: ModuleType, tmp_path: Path):
-    for name in ("000000000256", "000000000512"):
-        (tmp_path / "runs" / "a" / "checkpoints" / name).mkdir(parents=True)
+    write_checkpoints(tmp_path / "runs" / "a", 256, 512)
     assert kills.newest_checkpoint(tmp_path) == "512"
 
 
@@ -107,3 +154,9 @@ def test_finished_trials_are_skipped(kills: ModuleType, tmp_path: Path, monkeypa
     monkeypatch.setattr("sys.argv", [*command[:4], "3", *command[5:]])
     assert kills.main() == 0
     assert tried == [0, 1, 2]
+
+
+def test_no_trial_begins_after_the_given_minutes(kills: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(kills, "trial", lambda *arguments: pytest.fail("a trial began"))
+    monkeypatch.setattr("sys.argv", ["kills.py", "--minutes", "0", "--out", str(tmp_path / "kills.csv")])
+    assert kills.main() == 0

@@ -30,6 +30,18 @@ def test_the_rivers_of_pieces_are_all_different(soak: ModuleType):
     assert names[:4] == ["Easy-30000", "Medium-30001", "Hard-30002", "Easy-30003"]
 
 
+def test_the_boat_has_rivers_that_are_deep_enough(soak: ModuleType):
+    assert soak.river_list(0, 3, "asv").names == ["Easy-30000", "Medium-Deep-30001", "Hard-Deep-30002"]
+    boat = EnvConfig(vehicle="asv", observation="none")
+    assert len(soak.worlds_for(0, 3, boat)) == 3
+
+
+def test_rivers_that_the_boat_does_not_fit_are_left_out(soak: ModuleType, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(soak.LEVELS, "asv", ("Easy", "Medium", "Hard"))
+    found = soak.worlds_for(0, 3, EnvConfig(vehicle="asv", observation="none"))
+    assert 30002 not in [world.seed for world in found] and len(found) < 3
+
+
 @pytest.mark.parametrize("closed", [True, False], ids=["loop", "open"])
 def test_a_flight_of_sound_rules_has_no_fault(closed: bool, soak: ModuleType):
     world = handmade.ring() if closed else handmade.canal(length_m=60.0)

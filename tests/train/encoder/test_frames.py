@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from thalweg.encoder import EncoderInputError
-from thalweg.render import Camera, Renderer
-from thalweg.train.encoder.frames import collect_frames, level_worlds, render_frames, sample_views
+from thalweg.render import Camera, Randomisation, Renderer
+from thalweg.train.encoder.frames import collect_frames, drawn_looks, level_worlds, render_frames, sample_views
 from thalweg.world import Reach, WorldError
 
 SMALL = Camera(height_px=64, width_px=64)
@@ -37,6 +37,21 @@ def test_a_frame_is_what_the_renderer_draws_there(frames):
     worlds = level_worlds("easy", 1)
     poses, index, clock = sample_views(worlds, 20, 1)
     assert np.array_equal(Renderer(worlds, SMALL).render(poses[5:6], index[5:6], clock[5:6])[0], frames[5])
+
+
+def test_frames_under_varied_looks_have_a_look_and_a_sun_each():
+    ranges, views = Randomisation(suns=2), {"camera": SMALL, "quality": "fast", "progress": False}
+    frames = collect_frames(6, "Easy", seed=1, randomisation=ranges, **views)
+    (world,) = level_worlds("Easy", 1)
+    poses, _, clock = sample_views([world], 6, 1)
+    looks, suns = drawn_looks(6, 1, ranges)
+    assert looks is not None and set(suns) == {0, 1} and len(np.unique(looks, axis=0)) == 6
+    for frame, sun in enumerate(suns):
+        alone = Renderer([world.relit(*ranges.lights(world.seed)[sun])], SMALL, "fast")
+        one = slice(frame, frame + 1)
+        np.testing.assert_array_equal(frames[one], alone.render(poses[one], None, clock[one], look=looks[one]))
+    shorter = collect_frames(2, "Easy", seed=1, randomisation=ranges, **views)
+    np.testing.assert_array_equal(shorter, frames[:2])
 
 
 @pytest.mark.slow

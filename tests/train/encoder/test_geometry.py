@@ -17,10 +17,12 @@ from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.privileged_state import privileged_state
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.ideal_eye import FEATURES
-from thalweg.render import RENDER_VERSION, Renderer
+from thalweg.render import RENDER_VERSION, Camera, Renderer
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.encoder.geometry import GeometryTraining, geometry_config, half_mirrored, probe_table
+from thalweg.train.encoder.targets import targets_of
 from thalweg.train.encoder.views import STRIDE, TARGETS, draw_views, flight_views, start_views
+from thalweg.train.encoder_of_run import camera_of_encoder
 from thalweg.world import World
 
 
@@ -77,6 +79,7 @@ def test_mirrored_frames_have_mirrored_truths():
 
 def run(folder: Path, **options: Any) -> GeometryTraining:
     given = {
+        "config": geometry_config(hidden=8, latent=4, batch=8),
         "levels": ("Easy",),
         "world_seeds": (1,),
         "held_out_seeds": (2,),
@@ -87,7 +90,7 @@ def run(folder: Path, **options: Any) -> GeometryTraining:
         "epochs": 2,
         "precision": "float32",
     }
-    return GeometryTraining(folder, geometry_config(hidden=8, latent=4, batch=8), **(given | options))
+    return GeometryTraining(folder, **(given | options))
 
 
 @pytest.mark.slow
@@ -104,6 +107,28 @@ def test_a_run_writes_an_encoder_and_what_is_read_from_its_codes(tmp_path: Path)
     assert len(result.lines) == 4 and result.lines[0].startswith("geometry, flights: left bank ")
     with pytest.raises(EncoderFileError, match="belongs to another geometry encoder training: passes is 1 there"):
         run(tmp_path, passes=2).run()
+
+
+@pytest.mark.slow
+def test_a_run_learns_the_frames_of_another_camera(tmp_path: Path):
+    camera = Camera(48, 80, fov_deg=75.0)
+    config = geometry_config(hidden=8, latent=4, batch=8, size_px=(48, 80))
+    training = run(tmp_path, config=config, camera=camera)
+    result = training.run(progress=False)
+    encoder = load_encoder(result.path)
+    assert encoder(np.zeros((1, 48, 80, 4), np.uint8)).shape == (1, 4)
+    assert camera_of_encoder(encoder) == camera
+    assert {name for name, _ in result.scores} == {"geometry"}, "the packaged encoder takes other frames"
+    with pytest.raises(EncoderFileError, match=r"camera\.fov_deg is 75.0 there and 60.0 here"):
+        replace(training, camera=Camera(48, 80)).run()
+
+
+def test_what_is_in_view_depends_on_the_camera(rivers: RiverList):
+    usual = flight_views(rivers, 6, 3, ("Swimmers",))
+    wide = flight_views(rivers, 6, 3, ("Swimmers",), Camera(fov_deg=120.0))
+    np.testing.assert_array_equal(usual.pose, wide.pose)
+    row = targets_of(("Swimmers",)).index("swimmer in view distance")
+    assert (wide.truths[:, row] <= usual.truths[:, row]).all() and (wide.truths != usual.truths).any()
 
 
 SCORES = {("geometry", kind): np.linspace(0, 1, len(TARGETS)) for kind in ("flights", "starts")} | {
@@ -141,6 +166,8 @@ def test_a_finished_run_needs_no_device(finished: Path, tmp_path: Path, monkeypa
         ({"passes": 2}, "passes is 1 there and 2 here"),
         ({"seed": 7}, "seed is 0 there and 7 here"),
         ({"config": geometry_config(hidden=8, latent=5, batch=8)}, "config.latent is 4 there and 5 here"),
+        ({"camera": Camera(pitch_deg=10.0)}, "camera is absent there and present here"),
+        ({"quality": "full"}, "quality is 'fast' there and 'full' here"),
     ],
 )
 def test_a_finished_folder_without_its_checkpoint_is_refused_for_other_settings(
@@ -175,6 +202,7 @@ def test_the_command_says_that_a_run_was_finished_before(finished: Path, capsys:
     [
         ({"held_out_seeds": "1:3"}, "world_seeds and held_out_seeds share 1: codes are judged on other rivers"),
         ({"levels": ("Easy", "easy")}, "levels must be at least one, each once, not Easy, Easy"),
+        ({"camera": Camera(96, 160)}, "frames of 96 x 160 pixels .*, but size_px of the encoder is 128 x 128"),
         ({"images": 8}, "images must be at least 16, not 8"),
         ({"epochs": 0}, "epochs must be at least 1, not 0"),
         ({"seed": -1}, "seed must be 0 or more, not -1"),

@@ -1,5 +1,6 @@
 """Tests of the training of the finder of water."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from thalweg.cli.main import main
 from thalweg.encoder import EncoderFileError, EncoderInputError
 from thalweg.encoder.files import read_tensors, write_tensors
 from thalweg.encoder.water import load_segmenter
+from thalweg.render import Camera
 from thalweg.train.encoder import water
 from thalweg.train.encoder.water import WATER_FOLDER, WaterTraining, varied
 
@@ -41,7 +43,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         return frames
 
     monkeypatch.setattr(water, "load_or_build", lambda *_: None)
-    monkeypatch.setattr(water, "Renderer", lambda worlds: worlds)
+    monkeypatch.setattr(water, "Renderer", lambda worlds, camera, quality: worlds)
     monkeypatch.setattr(water, "draw", noise)
     return seeds
 
@@ -67,6 +69,10 @@ def test_a_training_that_was_interrupted_ends_with_the_same_network(
         training(tmp_path / "cut").run(progress=False)
     resumed = training(tmp_path / "cut").run(progress=False)
     assert resumed.iou == whole.iou and resumed.path.read_bytes() == whole.path.read_bytes()
+    with pytest.raises(EncoderFileError, match=r"camera is absent there and present here"):
+        replace(training(tmp_path / "cut"), camera=Camera(fov_deg=75)).run(progress=False)
+    with pytest.raises(EncoderFileError, match="quality is absent there and 'fast' here"):
+        replace(training(tmp_path / "cut"), quality="fast").run(progress=False)
     with pytest.raises(EncoderFileError, match="seed is 0 there and 1 here"):
         training(tmp_path / "cut", seed=1).run(progress=False)
 
@@ -121,6 +127,8 @@ def test_the_command_trains_and_says_from_where_it_resumes(
         (["--inputs", "mask"], "--inputs does not go with --target water"),
         (["--river", "a.gpx"], "--river does not go with --target water"),
         (["--banks", "meadow"], "give levels with their banks, such as --level Medium+meadow"),
+        (["--randomise"], "--target water is learnt under varied looks in any case: leave --randomise out"),
+        (["--camera", "height_px=100"], "multiples of 16 for a finder of water, not 100 and 128"),
         (["--latent", "8"], "--latent does not go with --target water"),
         (["--level", "medum"], "unknown level 'medum' (did you mean 'Medium'?)"),
         (["--epochs", "0"], "--epochs must be at least 1, not 0"),

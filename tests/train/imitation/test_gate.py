@@ -1,5 +1,7 @@
 """The gate stops a teacher that fails, with the river and the start, and lets the pilots pass."""
 
+import json
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.train.errors import TrainingError
 from thalweg.train.imitation.gate import check_teacher, flown_by
-from thalweg.world import level_named
+from thalweg.world import Reach, level_named
 
 LEVEL = level_named("Easy")
 
@@ -30,6 +32,17 @@ def test_a_teacher_that_fails_is_named_with_its_river_and_start():
     ) as error:
         check_teacher(LEVEL, [5, 6], EnvConfig(), hover)
     assert "ends by Idle; nothing is learnt from it" in str(error.value)
+
+
+def test_starts_on_a_real_river_are_flown(tmp_path: Path):
+    file, line = tmp_path / "brook.geojson", [[9, 48], [9.0008, 48], [9.0016, 48.0003]]
+    file.write_text(json.dumps({"type": "LineString", "coordinates": line}))
+    brook, flown = Reach(file, width_m=9.0), []
+    assert not brook.build().river.closed
+    check_teacher(brook, range(4), EnvConfig(), flown_by("steady"), on_flown=flown.append)
+    assert flown == [4]
+    with pytest.raises(TrainingError, match=r"fails its gate on brook\.geojson from x .* ends by Idle"):
+        check_teacher(brook, range(2), EnvConfig(), hover)
 
 
 def late(env: RiverVectorEnv) -> np.ndarray:

@@ -12,6 +12,7 @@ import torch
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.imitation.config import Teacher
+from thalweg.cli.main import main
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import ConfigError
 from thalweg.env.rivers.river_list import RiverList
@@ -25,7 +26,7 @@ from thalweg.train.imitation.imitate import Imitation
 from thalweg.train.imitation.sequences import Sequences
 from thalweg.train.imitation.trainer import ImitationTrainer
 from thalweg.train.rollouts.episodes import Episode
-from thalweg.world import Level, World
+from thalweg.world import Level, Reach, World
 
 SETTINGS = {
     "sequence": 4,
@@ -137,6 +138,37 @@ def test_a_policy_says_what_it_sees(tmp_path: Path):
     policy = load_policy(tmp_path / "run")
     assert policy.about.algorithm == "DAgger" and policy.about.context["observation"] == "mask"
     assert policy.greedy and policy.shape.eyes.image == (128, 128, 1)
+
+
+def test_a_real_river_is_learnt_from_after_the_gate_and_known_by_its_content(tmp_path: Path):
+    file = tmp_path / "brook.geojson"
+    file.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0008, 48], [9.0016, 48.0003]]}')
+    options = {"river": Reach(file, width_m=9.0), "world_seeds": (0, 1), "steps": 8}
+    imitation(tmp_path / "run", **options).run()
+    context = load_policy(tmp_path / "run").about.context
+    assert context["river"]["file"] == "brook.geojson" and context["world_seeds"] == [0, 1]
+    assert "levels" not in context
+    assert imitation(tmp_path / "run", **options).run().already_finished
+    with pytest.raises(TrainingError, match=r"context\.river"):
+        imitation(tmp_path / "run", steps=8).run()
+    file.write_text(file.read_text().replace("9.0008", "9.0009"))
+    with pytest.raises(TrainingError, match=r"brook\.geojson has changed since the run in .* was started"):
+        imitation(tmp_path / "run", **options).run()
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--levels", "Hard", "--river", "a.gpx"], "give --levels or --river, not both: Hard and a.gpx"),
+        (["--width-m", "9"], "--width-m goes with --river"),
+        (["--recordings", "flights", "--river", "a.gpx"], "--river does not go with --recordings"),
+        (["--river", "none.gpx"], "none.gpx"),
+    ],
+)
+def test_options_of_rivers_that_do_not_fit_are_refused(options: list[str], told: str, tmp_path: Path, capsys):
+    assert main(["imitate", "--out", str(tmp_path / "run"), *options]) == 2
+    assert told in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_teacher_that_fails_stops_the_run_before_anything_is_learnt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -166,10 +166,8 @@ class Student:
     def losses(self, lesson: Lesson, columns: Tensor) -> Tensor:
         """Return the losses [4] of the sequences `columns`, see `LOSSES`; the lesson's privileged state is in
         deviations."""
-        features = self._features(lesson, columns)
-        logits = self.policy.actor.parameters_of(features)
-        branches = [functional.log_softmax(part, -1) for part in logits.split(self.policy.actions.sizes, -1)]
-        log_probs = move_log_probs(branches, self.moves)
+        features = self.features(lesson, columns)
+        log_probs = self.log_probs(self.policy.actor.parameters_of(features))
         regret = regrets(lesson.worths[:, columns].flatten(0, 1), self.config.worst_regret)
         seen = lesson.privileged[:, columns].flatten(0, 1)
         maps = lesson.maps[:, columns].flatten(0, 1).float()
@@ -182,7 +180,12 @@ class Student:
             ]
         )
 
-    def _features(self, lesson: Lesson, columns: Tensor) -> Tensor:
+    def log_probs(self, logits: Tensor) -> Tensor:
+        """Return the log probabilities of moves [B, M] from the outputs of the policy's network [B, P]."""
+        branches = [functional.log_softmax(part, -1) for part in logits.split(self.policy.actions.sizes, -1)]
+        return move_log_probs(branches, self.moves)
+
+    def features(self, lesson: Lesson, columns: Tensor) -> Tensor:
         """Return what the policy's perceptron takes [B, E]."""
         rows, actor = lesson.rows[:, columns], self.policy.actor
         if actor.gru is None:

@@ -21,6 +21,8 @@ SEED_DEVIATIONS = 3.0
 """Tolerance of a mean in standard deviations of the means of all seeds, where that is more."""
 PACKAGES = ("numpy", "scipy", "numba", "torch")
 """Packages of which another version may round differently."""
+PROCESSOR = ("cpu", "cpu_type", "vector_bits", "system", "learning_threads")
+"""What the last bits depend on of a machine; some processors of several kinds have one name, such as AMD EPYC."""
 MOST_NAMED = 3
 """Number of differences of a file that are named; the others are counted."""
 
@@ -60,7 +62,7 @@ class Part:
 def other_conditions(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
     """Return why a run may differ in its last bits, by the content of config.yaml of both; empty for the same kind of
     processor with the same packages and number of threads."""
-    pairs = {name: ("machine", name) for name in ("cpu", "system", "learning_threads")}
+    pairs = {name: ("machine", name) for name in PROCESSOR}
     pairs |= {name: ("versions", name) for name in PACKAGES}
     found = []
     for name, (group, key) in pairs.items():
@@ -119,10 +121,11 @@ def _means(table: Table, path: Path, wanted: Sequence[str] = ()) -> dict[str, fl
         if table.steps:
             rows = [row for row in rows if float(row["step"]) > (1 - LAST_SHARE) * table.steps]
         means = {name: [float(row[name]) for row in rows] for name in TOLERANCES if name in (rows or [{}])[0]}
+        episodes = [float(row.get("episodes", 1)) for row in rows]  # of a block of them
     except ValueError as error:
         raise ResultsError(f"{path}: {error}") from error
-    if not rows:
+    if not sum(episodes):
         raise ResultsError(f"{path}: {table.name} has no episodes to compare")
     if missing := [name for name in wanted if name not in means]:
         raise ResultsError(f"{path} lacks the column {missing[0]}, which {table.name} of the recorded run has")
-    return {name: float(np.mean(values)) for name, values in means.items()}
+    return {name: float(np.average(values, weights=episodes)) for name, values in means.items()}

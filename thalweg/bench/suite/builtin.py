@@ -13,9 +13,9 @@ import yaml
 from thalweg.algos.onpolicy.config import OnPolicyConfig
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.conditions import CONDITIONS
+from thalweg.bench.evaluate.conditions import CONDITIONS, Condition
 from thalweg.bench.suite.arms import Arm, Stage
-from thalweg.bench.suite.config import Suite
+from thalweg.bench.suite.config import PACKAGED, PACKAGED_SEES, Suite
 from thalweg.bench.suite.priced import PRICED_SUITES, TRAINED_ON
 from thalweg.core.config import parse_config
 from thalweg.core.suggestion import did_you_mean
@@ -26,27 +26,47 @@ STUDIED = ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "DDPGLag", "TD3Lag", "SAC
 """Algorithms of the paper, in its order."""
 
 
-def _variants(algorithm: str, seeds: tuple[int, ...], **settings: Mapping[str, Any]) -> tuple[Arm, ...]:
+BESIDE = ("CPO", "CUP")
+"""Algorithms that the study trains beside those of the paper."""
+AS_PUBLISHED = ("PPO", "FOCOPS", "TD3Lag", "SafeLOOP")
+"""Algorithms that the study also trains with the preset `paper`: two on-policy ones, and of the off-policy ones and of
+the planners the one that takes the least time with it."""
+
+
+def _learns_on_policy(algorithm: str) -> bool:
+    """Return whether an algorithm learns from its newest steps alone."""
+    return issubclass(ALGORITHMS[algorithm].config, OnPolicyConfig)
+
+
+def _steps(algorithm: str) -> int:
+    """Return the steps of a run: half as many for those that learn from a replay or a model."""
+    return 200_000 if _learns_on_policy(algorithm) else 100_000
+
+
+def _named(*conditions: str) -> tuple[Condition, ...]:
+    """Return conditions by their names."""
+    return tuple(condition for condition in CONDITIONS if condition.name in conditions)
+
+
+def _variants(algorithm: str, **settings: Mapping[str, Any]) -> tuple[Arm, ...]:
     """Return an arm of the algorithm with its defaults, and one for each of the settings, named after it."""
-    default = Arm(algorithm, seeds=seeds, steps=50_000)
+    default = Arm(algorithm, steps=_steps(algorithm))
     return default, *(replace(default, settings=each, name=f"{algorithm}-{name}") for name, each in settings.items())
 
 
 _ACTIONS = {"box_scaled": {"adapter": "box_scaled"}, "box_literal": {"adapter": "box_literal"}}
-_THREE = (0, 1, 2)
 _OPEN = (
-    *_variants("DDPGLag", _THREE, **_ACTIONS),
+    *_variants("DDPGLag", **_ACTIONS),
     *_variants(
         "FOCOPS",
-        _THREE,
         broken_mask={"mask": "batch"},
         ascent={"multiplier_gain": 0.0},
         adam={"multiplier_gain": 0.0, "multiplier_rule": "adam", "multiplier_rate": 0.035},
         pid={"multiplier_derivative": 1.0, "multiplier_smoothing": 0.5},
     ),
-    *_variants("SACLag", _THREE, **_ACTIONS),
-    *_variants("SafeLOOP", (0,), drop_terminal={"drop_terminal": True}),
-    *_variants("CCEPETS", (0,), **_ACTIONS),
+    *_variants("SACLag", **_ACTIONS),
+    *_variants("SafeLOOP", drop_terminal={"drop_terminal": True}),
+    *_variants("CCEPETS", **_ACTIONS),
 )
 """Choices that the paper leaves open: the actions, the mask and the multiplier, and whether planners see what ends an
 episode."""
@@ -64,11 +84,23 @@ _PROTOCOLS = (
 )
 """Ways of training with the same number of steps each."""
 
-_PRIVILEGED = tuple(
-    Arm(name, steps=200_000 if issubclass(entry.config, OnPolicyConfig) else 100_000)
-    for name, entry in ALGORITHMS.items()
+_PAPER = (*map(Arm, STUDIED), *map(Arm, BESIDE), *(Arm(name, "paper") for name in AS_PUBLISHED))
+"""The paper's comparison, and what the study trains beside it."""
+_GEOMETRY = tuple(Arm(name, seeds=(0, 1, 2) if _learns_on_policy(name) else (0,)) for name in (*STUDIED, *BESIDE))
+"""The same algorithms on other codes; those that learn from a replay or a model have one seed."""
+_IMITATED = tuple(
+    Arm(
+        name,
+        settings={"policy": "cnn", "imitation_kl": 1.0, "imitation_kl_share": 0.5},
+        steps=100_000,
+        observation=PACKAGED_SEES,
+        begin_with=PACKAGED,
+        name=f"{name}-imitated",
+    )
+    for name in ("PPO", "PPOLag", "CPO")
 )
-"""All algorithms; those that learn from a replay or a model take half the steps."""
+"""Algorithms that begin with the packaged policy, which was imitated, and stay near it for half of their run."""
+_PRIVILEGED = tuple(Arm(name, steps=_steps(name)) for name in ALGORITHMS)
 
 SUITES: dict[str, Suite] = {
     suite.name: suite
@@ -77,12 +109,27 @@ SUITES: dict[str, Suite] = {
         Suite("easy", (Arm("PPO"), Arm("FOCOPS")), train_level="Easy", test_levels=("Easy",), packaged=False),
         Suite("open", _OPEN, baselines=(), packaged=False),
         Suite("protocols", _PROTOCOLS, baselines=(), packaged=False),
-        Suite("paper", (*map(Arm, STUDIED), Arm("PPO", "paper"), Arm("FOCOPS", "paper")), conditions=CONDITIONS),
+        Suite("paper", _PAPER, conditions=CONDITIONS),
+        Suite(
+            "geometry",
+            _GEOMETRY,
+            baselines=(),
+            packaged=False,
+            conditions=_named("unseen", "all_at_once"),
+            encoder="geometry",
+        ),
+        Suite(
+            "imitated",
+            _IMITATED,
+            baselines=("pilot", "steady"),
+            conditions=_named("deterministic", "unseen", "real", "all_at_once"),
+            world_seeds=TRAINED_ON,
+        ),
         Suite(
             "privileged",
             _PRIVILEGED,
             packaged=False,
-            conditions=tuple(condition for condition in CONDITIONS if condition.name == "unseen"),
+            conditions=_named("unseen"),
             observation="privileged",
             world_seeds=TRAINED_ON,
         ),

@@ -31,12 +31,13 @@ from thalweg.bench.suite.arms import (
 from thalweg.bench.suite.views import TrainingViews
 from thalweg.core.config import TupleOf, frozen_config, refuse_unknown, to_plain
 from thalweg.core.plugins.record import PluginError
-from thalweg.encoder import encoder_names
+from thalweg.encoder import encoder_names, encoder_size
 from thalweg.env.config import EnvConfig
 from thalweg.env.forces.options import ForceOptions
 from thalweg.env.tasks import task_names
+from thalweg.train.encoder_of_run import check_size_fits
 from thalweg.train.errors import TrainingError
-from thalweg.train.observations import IMAGES, PRIVILEGED
+from thalweg.train.observations import FRAMES, IMAGES, PRIVILEGED
 from thalweg.train.run import check_warmup, sees_images
 from thalweg.world import LEVELS
 
@@ -175,13 +176,21 @@ class Suite:
             raise ValueError(f"condition {shields[0]}: the shield judges no continuous actions, which the flights take")
 
     def _check_views(self) -> None:
-        """Raise `ValueError` for settings of frames where no policy is trained on any: reports would tell of them."""
+        """Raise `ValueError` for settings of frames where no policy is trained on any, since reports would tell of
+        them, and for a camera whose frames do not fit an encoder."""
         of_frames = [name for name in self.views.as_data() if name != "action"]
         if of_frames and self.arms and {arm.observation or self.observation for arm in self.arms} == {PRIVILEGED}:
             raise ValueError(
                 f"policies see the privileged observation, for which nothing is drawn: leave {' and '.join(of_frames)}"
                 " of the views out"
             )
+        for arm in self.arms:
+            if (arm.observation or self.observation) == FRAMES:
+                encoder = arm.encoder or self.encoder
+                try:
+                    check_size_fits(self.views.camera, encoder_size(encoder), encoder)
+                except TrainingError as error:
+                    raise ValueError(f"{arm.label}: {error}") from error
 
     def _check_repeated(self) -> None:
         """Raise `ValueError` for anything that is named twice: its results would count twice.

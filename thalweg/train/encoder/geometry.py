@@ -20,8 +20,8 @@ from thalweg.core.atomic_io import write_atomic
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.config import to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
-from thalweg.encoder import Encoder, EncoderInputError, load_encoder
-from thalweg.encoder.checkpoint import check_folder
+from thalweg.encoder import Encoder, EncoderInputError, load_encoder, sides
+from thalweg.encoder.checkpoint import SEEN, check_folder
 from thalweg.encoder.files import FILE, EncoderFileError, load_model
 from thalweg.encoder.geometry import GeometryConfig, Scale
 from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, Labelled, train_geometry, write_geometry
@@ -30,8 +30,10 @@ from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.tasks import PAPER_TASK
 from thalweg.render import RENDER_VERSION, compilation
+from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
+from thalweg.train.encoder.drawing import LEVELS_CAMERA, camera_as_data, check_size, size_of
 from thalweg.train.encoder.targets import mirrored_targets, shown_of, targets_of, weights_of
 from thalweg.train.encoder.views import TARGETS, KnownViews, draw_views, flight_views, start_views
 from thalweg.train.flip import flipped
@@ -81,6 +83,8 @@ class GeometryTraining:
     """Frames of each kind of views, and of each task, on which codes are judged."""
     epochs: int = 16
     seed: int = 0
+    camera: Camera = LEVELS_CAMERA
+    """Whose frames are learnt from and judged; `config` has their size."""
     quality: Quality = "fast"
     """Quality of the frames of training; those on which codes are judged are full."""
     rivers_in_memory: int | None = None
@@ -130,10 +134,11 @@ class GeometryTraining:
             fitted = lessons.fitted()
         finally:
             lessons.close()
-        encoder = Encoder(network)
+        encoders = {"geometry": Encoder(network), "default": load_encoder()}
         scores = {
             (name, label): found
-            for name, each in {"geometry": encoder, "default": load_encoder()}.items()
+            for name, each in encoders.items()
+            if sides(each.config.size_px) == size_of(self.camera)
             for judged in held_out.values()
             for label, found in judged.r_squared(each, fitted).items()
         }
@@ -146,6 +151,7 @@ class GeometryTraining:
         names = [level_named(level).name for level in self.levels]
         if not names or len(set(names)) < len(names):
             raise EncoderInputError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
+        check_size(self.camera, self.config.size_px)
         if self.config.targets != self.targets:
             raise EncoderInputError(
                 f"config predicts {len(self.config.targets)} quantities, but views of {', '.join(self.tasks)} have"
@@ -168,7 +174,9 @@ class GeometryTraining:
         check_folder(self.folder, GEOMETRY_FOLDER, run)
         if path.is_file():  # finished folders are also kept without their checkpoint
             _, recorded = load_model(path)
-            GEOMETRY_FOLDER.require_same(self.folder, {key: recorded[key] for key in run if key in recorded}, run)
+            GEOMETRY_FOLDER.require_same(
+                self.folder, {key: recorded[key] for key in (*run, *SEEN) if key in recorded}, run
+            )
 
     @cached_property
     def targets(self) -> tuple[str, ...]:
@@ -196,14 +204,15 @@ class GeometryTraining:
 
     def drawn(self, rivers: RiverList, quality: Quality) -> RiverVectorEnv:
         """Return an environment that draws rivers under all looks."""
-        return RiverVectorEnv(rivers, 1, EnvConfig(randomisation=Randomisation(), quality=quality), device=self.device)
+        config = EnvConfig(randomisation=Randomisation(), quality=quality, camera=self.camera)
+        return RiverVectorEnv(rivers, 1, config, device=self.device)
 
     def _judged(self) -> "dict[str, Judged]":
         """Return frames of rivers held out, by the kind of views."""
         rivers, found = self.rivers(self.judged_seeds), {}
         env = self.drawn(rivers, "full")
         for number, (kind, views_of) in enumerate(KINDS.items()):
-            views = views_of(rivers, -(-self.held_out // len(rivers)), self.seed, self.tasks)
+            views = views_of(rivers, -(-self.held_out // len(rivers)), self.seed, self.tasks, self.camera)
             rows = [np.flatnonzero(views.task == task)[: self.held_out] for task in range(len(self.tasks))]
             views = views.rows(np.concatenate(rows))
             frames = draw_views(env, views, np.random.default_rng([self.seed, 4, number]))
@@ -231,6 +240,7 @@ class GeometryTraining:
             "passes": self.passes,
             "held_out": self.held_out,
             "quality": self.quality,
+            **camera_as_data(self.camera),
             "render_version": RENDER_VERSION,
             "lessons_version": VERSION,
         }
@@ -264,7 +274,7 @@ class RiverLessons:
         self.training = training
         self.held_out = Labelled(np.zeros((0, 0, 0, 4), np.uint8), np.zeros((0, len(training.targets))))
         rivers = training.rivers(training.seeds)
-        self.views = flight_views(rivers, training.views, training.seed, training.tasks)
+        self.views = flight_views(rivers, training.views, training.seed, training.tasks, training.camera)
         self.scale = Scale.of(self.views.truths)
         self._env = training.drawn(rivers, training.quality)
         draw_views(self._env, self.views.rows(slice(len(rivers))), np.random.default_rng(0))  # loads the rivers
@@ -313,8 +323,8 @@ class GeometryResult:
     path: Path
     """The encoder's file."""
     scores: dict[tuple[str, str], np.ndarray]
-    """R² [T] of linear probes by encoder, `geometry` or the package's `default`, and kind of views, with their task
-    where tasks were given."""
+    """R² [T] of linear probes by encoder, `geometry` or, where it takes frames of that size, the package's `default`,
+    and kind of views, with their task where tasks were given."""
     targets: tuple[str, ...]
     """Names of the T quantities."""
     already_finished: bool

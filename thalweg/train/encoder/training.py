@@ -3,16 +3,17 @@
 Collecting frames takes minutes, so that all settings are checked before the first frame is rendered.
 """
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from thalweg.core.config import to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import EncoderInputError, Source, TrainingResult, VAEConfig, train_encoder
 from thalweg.encoder.checkpoint import check_folder
 from thalweg.encoder.training import ENCODER_FOLDER
 from thalweg.render import RENDER_VERSION
 from thalweg.train.encoder import frames as frame_collection
+from thalweg.train.encoder.drawing import Drawing, check_size
 from thalweg.world import Reach, level_named
 
 
@@ -26,15 +27,17 @@ def collect_and_train(
     held_out: int = 200,
     epochs: int = 100,
     seed: int = 0,
+    drawing: Drawing | None = None,
     command: str = "",
 ) -> TrainingResult:
     """Train on `images` frames of a level or a real river, and evaluate on `held_out` further ones.
 
     The same call resumes.
 
-    `world_seeds` are those of the rivers, by default the level's fixed one; see `collect_frames`. `command` is stored
-    in the encoder's file. Before a frame is rendered, raises `EncoderInputError` for settings out of range,
-    `EncoderFileError` for a folder of another training, and `WorldError` for an unknown level.
+    `world_seeds` are those of the rivers, by default the level's fixed one; see `collect_frames`. `drawing` is how the
+    frames are drawn, of the size in `config`. `command` is stored in the encoder's file. Before a frame is rendered,
+    raises `EncoderInputError` for settings out of range, `EncoderFileError` for a folder of another training, and
+    `WorldError` for an unknown level.
     """
     if epochs < 1:
         raise EncoderInputError(f"epochs must be at least 1, not {epochs}")
@@ -50,14 +53,26 @@ def collect_and_train(
     seeds = parse_seeds(world_seeds, "world_seeds", EncoderInputError)
     if len(seeds) > images + held_out:
         raise EncoderInputError(f"{images + held_out} images of {len(seeds)} rivers: there must be one image of each")
+    drawing = drawing or Drawing()
+    check_size(drawing.camera, config.size_px)
     run = {
-        "config": asdict(config),
+        "config": to_plain(config),
         "epochs": epochs,
         "seed": seed,
         "held_out": held_out,
         "images": images + held_out,
+        **drawing.as_data(),
     }
     check_folder(folder, ENCODER_FOLDER, run)
-    frames = frame_collection.collect_frames(images + held_out, level=level, seed=seed, world_seeds=seeds)
+    frames = frame_collection.collect_frames(
+        images + held_out,
+        level=level,
+        seed=seed,
+        world_seeds=seeds,
+        camera=drawing.camera,
+        quality=drawing.quality,
+        randomisation=drawing.randomisation,
+    )
     source = Source(name, seed, RENDER_VERSION, command, tuple(compact_seeds(seeds)))
-    return train_encoder(frames, config, folder, epochs=epochs, seed=seed, held_out=held_out, source=source)
+    said = {"epochs": epochs, "seed": seed, "held_out": held_out}
+    return train_encoder(frames, config, folder, **said, source=source, identity=drawing.as_data())

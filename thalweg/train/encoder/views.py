@@ -20,7 +20,9 @@ from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.env.task.priced.station import END_GAP_M
 from thalweg.env.task.progress import sample_rows
 from thalweg.env.tasks import PAPER_TASK, TASKS
+from thalweg.render.records.camera import Camera
 from thalweg.render.records.props import PROP_COLUMNS
+from thalweg.train.encoder.drawing import LEVELS_CAMERA
 from thalweg.train.encoder.targets import targets_of, truths_in
 from thalweg.train.imitation.flights import drawn_looks
 
@@ -70,16 +72,23 @@ class KnownViews(NamedTuple):
         return KnownViews(*(array[chosen] for array in self))
 
 
-def flight_views(rivers: RiverList, each: int, seed: int, tasks: Sequence[str] = (PAPER_TASK,)) -> KnownViews:
+def flight_views(
+    rivers: RiverList, each: int, seed: int, tasks: Sequence[str] = (PAPER_TASK,), camera: Camera = LEVELS_CAMERA
+) -> KnownViews:
     """Return `each` views of every river and task, [R each] of each task together, of disturbed flights from random
-    starts; raises `EncoderInputError` for tasks that `targets_of` refuses."""
-    return _in_tasks(_flights, rivers, each, seed, tasks)
+    starts; raises `EncoderInputError` for tasks that `targets_of` refuses.
+
+    What is in view depends on the camera, where the vehicle is does not.
+    """
+    return _in_tasks(_flights, rivers, each, seed, tasks, camera)
 
 
-def start_views(rivers: RiverList, each: int, seed: int, tasks: Sequence[str] = (PAPER_TASK,)) -> KnownViews:
+def start_views(
+    rivers: RiverList, each: int, seed: int, tasks: Sequence[str] = (PAPER_TASK,), camera: Camera = LEVELS_CAMERA
+) -> KnownViews:
     """Return `each` views of every river and task, [R each] of each task together, at random starts; raises as
     `flight_views`."""
-    return _in_tasks(_starts, rivers, each, seed, tasks)
+    return _in_tasks(_starts, rivers, each, seed, tasks, camera)
 
 
 def draw_views(env: RiverVectorEnv, views: KnownViews, generator: np.random.Generator) -> np.ndarray:
@@ -94,9 +103,9 @@ def draw_views(env: RiverVectorEnv, views: KnownViews, generator: np.random.Gene
     return env.draw(views.river, drawn)
 
 
-def _flights(rivers: RiverList, each: int, seed: int, task: str) -> KnownViews:
+def _flights(rivers: RiverList, each: int, seed: int, task: str, camera: Camera) -> KnownViews:
     """Return views of flights in a task, with the quantities of that task alone."""
-    env, generator = _grounds(rivers, task), _generator(seed, 2, task)
+    env, generator = _grounds(rivers, task, camera), _generator(seed, 2, task)
     pilots = (*PILOTS, STRAIGHT) if env.config.task_record.portage else PILOTS
     env.reset(seed=_seeds(seed, len(rivers), task))
     notes: list[KnownViews] = []
@@ -116,9 +125,9 @@ def _flights(rivers: RiverList, each: int, seed: int, task: str) -> KnownViews:
     return _joined(notes[:each])
 
 
-def _starts(rivers: RiverList, each: int, seed: int, task: str) -> KnownViews:
+def _starts(rivers: RiverList, each: int, seed: int, task: str, camera: Camera) -> KnownViews:
     """Return views at starts in a task, with the quantities of that task alone."""
-    env, generator = _grounds(rivers, task), _generator(seed, 9, task)
+    env, generator = _grounds(rivers, task, camera), _generator(seed, 9, task)
     notes = []
     for number in range(each):
         env.reset(seed=None if number else _seeds(seed, len(rivers), task))
@@ -127,12 +136,14 @@ def _starts(rivers: RiverList, each: int, seed: int, task: str) -> KnownViews:
     return _joined(notes)
 
 
-def _in_tasks(views_of: Any, rivers: RiverList, each: int, seed: int, tasks: Sequence[str]) -> KnownViews:
+def _in_tasks(
+    views_of: Any, rivers: RiverList, each: int, seed: int, tasks: Sequence[str], camera: Camera
+) -> KnownViews:
     """Return the views of all tasks, one task after the other, by `views_of` one."""
     names, most = targets_of(tasks), max(TASKS[task].props for task in tasks)
     parts = []
     for number, task in enumerate(tasks):
-        own = views_of(rivers, each, seed, task)
+        own = views_of(rivers, each, seed, task, camera)
         count = len(own.river)
         truths, props = (
             np.full((count, len(names)), np.nan, np.float32),
@@ -144,10 +155,10 @@ def _in_tasks(views_of: Any, rivers: RiverList, each: int, seed: int, tasks: Seq
     return _joined(parts)
 
 
-def _grounds(rivers: RiverList, task: str) -> RiverVectorEnv:
+def _grounds(rivers: RiverList, task: str, camera: Camera) -> RiverVectorEnv:
     """Return an environment of a task in each river, which draws nothing."""
     worlds = [rivers.course(index) for index in range(len(rivers))]
-    return RiverVectorEnv(worlds, len(worlds), EnvConfig(observation="none", task=task))
+    return RiverVectorEnv(worlds, len(worlds), EnvConfig(observation="none", task=task, camera=camera))
 
 
 def _numbered(task: str) -> tuple[int, ...]:

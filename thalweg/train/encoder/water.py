@@ -23,9 +23,11 @@ from thalweg.encoder.checkpoint import Row, check_folder, read_checkpoint, resto
 from thalweg.encoder.files import FORMAT, EncoderFileError, write_tensors
 from thalweg.encoder.training import epoch_generator, progress_bar, say_resumed, write_rows
 from thalweg.encoder.vae import EncoderInputError
-from thalweg.encoder.water import WaterSegmenter, colours_of, mean_iou, save_segmenter, water_in
-from thalweg.render import RENDER_VERSION, Renderer
+from thalweg.encoder.water import SIDES, WaterSegmenter, colours_of, mean_iou, save_segmenter, water_in
+from thalweg.render import RENDER_VERSION, Camera, Renderer
+from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
+from thalweg.train.encoder.drawing import LEVELS_CAMERA, Drawing, size_of
 from thalweg.train.encoder.frames import BATCH, clock_times, sample_poses
 from thalweg.train.river import banks_version
 from thalweg.world import level_named, load_or_build
@@ -58,6 +60,10 @@ class WaterTraining:
     """Number of frames for evaluation."""
     epochs: int = 12
     seed: int = 0
+    camera: Camera = LEVELS_CAMERA
+    """Its sides must be multiples of `thalweg.encoder.water.SIDES` pixels."""
+    quality: Quality = "full"
+    """Quality of the frames of training; those for evaluation are full."""
     command: str = ""
     """The command line, which is written to the file."""
 
@@ -97,12 +103,18 @@ class WaterTraining:
                 raise EncoderInputError(f"{name} must be at least 1, not {getattr(self, name)}")
         if shared := set(self.world_seeds) & set(self.held_out_seeds):
             raise EncoderInputError(f"held_out_seeds must be others than world_seeds, but {min(shared)} is in both")
+        if any(side % SIDES for side in size_of(self.camera)):
+            raise EncoderInputError(
+                f"height_px and width_px of the camera must be multiples of {SIDES} for a finder of water, not"
+                f" {self.camera.height_px} and {self.camera.width_px}"
+            )
 
     def _learn(self, state: "_State", rows: list[Row], progress: bool) -> None:
         """Take the epochs that are missing in `rows`, and add a row for each."""
+        of_training, of_evaluation = (self.world_seeds, self.quality), (self.held_out_seeds, "full")
         shown, judged = (
-            Renderer([load_or_build(level, seed) for level in self.levels for seed in seeds])
-            for seeds in (self.world_seeds, self.held_out_seeds)
+            Renderer([load_or_build(level, seed) for level in self.levels for seed in seeds], self.camera, quality)
+            for seeds, quality in (of_training, of_evaluation)
         )
         held_out = draw(judged, self.held_out, self.seed + 1_000_003)
         threads = default_torch_threads()
@@ -138,6 +150,7 @@ class WaterTraining:
             "held_out": self.held_out,
             "epochs": self.epochs,
             "seed": self.seed,
+            **Drawing(self.camera, self.quality).as_data(),
         }
 
 

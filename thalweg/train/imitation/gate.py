@@ -8,7 +8,7 @@ from thalweg.algos.imitation.config import Teacher
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.train.errors import TrainingError
-from thalweg.world import Level
+from thalweg.world import Level, Reach
 
 BATCH = 50
 """Rivers that are flown together."""
@@ -26,7 +26,7 @@ def flown_by(teacher: Teacher) -> Act:
 
 
 def check_teacher(
-    level: Level,
+    level: Level | Reach,
     seeds: Sequence[int],
     config: EnvConfig,
     act: Act,
@@ -34,21 +34,27 @@ def check_teacher(
 ) -> None:
     """Fly one random start, of all that the rules allow, on each river; `on_flown` is told how many have ended.
 
-    Raises `TrainingError` that names the first river, and the start, on which the return is below 10 or that costs
-    anything.
+    The seeds are those of the rivers of a level, or of starts on a real river, whose course does not depend on a seed.
+
+    Raises `TrainingError` that names the first river, and the start, from which it does not reach the end; on a loop
+    also if the return is below 10.
     """
     rules = config.with_options(observation="none", randomisation=None, critic_info=False)
+    real = [level.build()] if isinstance(level, Reach) else []
+    full = FULL_RETURN if not real or real[0].river.closed else -np.inf
     for first in range(0, len(seeds), BATCH):
         chosen = list(seeds[first : first + BATCH])
-        env = RiverVectorEnv([load_or_plan(level, seed) for seed in chosen], len(chosen), rules)
+        worlds = real or [load_or_plan(level, seed) for seed in chosen]  # pyright: ignore[reportArgumentType]
+        env = RiverVectorEnv(worlds, len(chosen), rules)
         starts, _ = env.reset(seed=[GATE_SEED + seed for seed in chosen])
         returns, reasons = _flown(env, act)
         env.close()
         for seed, start, returned, reason in zip(chosen, starts, returns, reasons, strict=True):
-            if reason != DoneReason.SUCCESS or returned < FULL_RETURN - 1e-6:
+            if reason != DoneReason.SUCCESS or returned < full - 1e-6:
                 x, y, z, yaw = start
+                river = level.name if real else f"{level.name}-{seed}"
                 raise TrainingError(
-                    f"the teacher fails its gate on {level.name}-{seed} from x {x:.2f}, y {y:.2f}, z {z:.2f} m, yaw"
+                    f"the teacher fails its gate on {river} from x {x:.2f}, y {y:.2f}, z {z:.2f} m, yaw"
                     f" {yaw:.3f}: it returns {returned:.2f} of 10 and ends by {DoneReason(reason).label}; nothing is"
                     " learnt from it"
                 )

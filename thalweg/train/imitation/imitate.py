@@ -7,9 +7,10 @@ from typing import Any
 
 import torch
 
+from thalweg.algos.common.state import CPU
 from thalweg.algos.imitation.config import ImitationConfig, Teacher
 from thalweg.algos.imitation.student import ALGORITHM, Student
-from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.actions import Actions, actions_of
 from thalweg.core import versions
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
@@ -23,17 +24,18 @@ from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.errors import TrainingError
+from thalweg.train.folder.run_record import RUN_FOLDER, read_context
 from thalweg.train.imitation.gate import check_teacher, flown_by
 from thalweg.train.imitation.teachers import OPTIONS
 from thalweg.train.imitation.trainer import ImitationTrainer
-from thalweg.train.river import print_once
+from thalweg.train.river import announce_build, banks_version, print_once
 from thalweg.train.run_in_folder import RunResult, check_numbers, open_folder, result_of, train_to_end
-from thalweg.world import Level, level_named
+from thalweg.world import Level, Reach, level_named
 
 
 @dataclass(frozen=True)
 class Imitation:
-    """An imitation on the rivers of some levels."""
+    """An imitation on the rivers of some levels, or on a real river."""
 
     folder: Path
     """Folder of the run; an interrupted one is resumed."""
@@ -42,7 +44,10 @@ class Imitation:
     seed: int = 0
     levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
     world_seeds: Any = tuple(range(1000, 1064))
-    """Seeds of rivers of each level, as `thalweg.core.seeds.parse_seeds` reads them."""
+    """Seeds of rivers of each level, as `thalweg.core.seeds.parse_seeds` reads them; of the plants and hills of a real
+    river, whose course does not depend on them."""
+    river: Reach | None = None
+    """Real river, in place of the levels."""
     num_envs: int = 32
     rivers_in_memory: int | None = None
     """Greatest number of rivers in memory; None derives it from the free memory."""
@@ -60,21 +65,23 @@ class Imitation:
         """Train the student, or resume the run in the folder; a finished run is returned at once.
 
         Raises `AlgorithmError`, `TrainingError`, `ConfigError` and `WorldError` for arguments that are wrong, for the
-        folder of another run, for rivers that do not fit into the memory, and for a teacher that fails its gate, before
-        anything is learnt.
+        folder of another run or a file of a river that has changed, for rivers that do not fit into the memory, and for
+        a teacher that fails its gate, before anything is learnt.
         """
         config = parse_config(ImitationConfig, dict(self.settings or {}), "settings")
-        levels = [level_named(name) for name in self.levels]
+        grounds = [level_named(name) for name in self.levels] if self.river is None else [self.river]
         seeds = parse_seeds(self.world_seeds, "world_seeds", TrainingError)
-        self._check(levels)
+        self._check(grounds)
         threads = default_torch_threads() if self.threads is None else self.threads
         device = torch.device(resolve_device(self.device))
         rules = self._rules(config)
-        identity = self._identity(config, rules, levels, seeds)
+        identity = self._identity(config, rules, grounds, seeds)
+        river = identity["context"].get("river", {})
+        RUN_FOLDER.require_same_file(self.folder, read_context(self.folder).get("river") or {}, river)
         if device.type != "cpu":
             identity |= {"device": device.type}
         compilation.begin()
-        rivers = RiverList.of_levels([(level, seeds) for level in levels], self.rivers_in_memory)
+        rivers = self._rivers(grounds, seeds)
         env = RiverVectorEnv(rivers, self.num_envs, rules, device=str(device))
         try:
             status = open_folder(self.folder, identity, threads)
@@ -83,17 +90,9 @@ class Imitation:
             if isinstance(env.rivers, DrawnRivers):
                 print_once(env.rivers.pool.description)
             if not status:
-                self._pass_gate(levels, seeds[: config.gate_rivers], rules, config.teacher)
+                self._pass_gate(grounds, self._seeds_of_gate(seeds, config), rules, config.teacher)
             with torch_threads(1):
-                student = Student(
-                    config,
-                    actions_of(env.single_action_space),
-                    OPTIONS,
-                    (len(FEATURES), ROWS * COLUMNS),
-                    seed=self.seed,
-                    context=identity["context"],
-                    device=device,
-                )
+                student = self.new_student(config, actions_of(env.single_action_space), identity["context"], device)
             trainer = ImitationTrainer(env, student, self.steps, self.seed, threads)
             return train_to_end(
                 self.folder, trainer, identity, progress=progress, checkpoint_seconds=self.checkpoint_seconds
@@ -101,16 +100,40 @@ class Imitation:
         finally:
             env.close()
 
-    def _pass_gate(self, levels: Sequence[Level], seeds: Sequence[int], rules: EnvConfig, teacher: Teacher) -> None:
-        """Let the teacher fly rivers of each level; raises `TrainingError` if it fails on one."""
-        for level in levels:
-            if seeds:
-                print_once(f"the teacher flies {len(seeds)} rivers of {level.name}, before anything is learnt from it")
-            check_teacher(level, seeds, rules, flown_by(teacher))
+    def new_student(
+        self, config: ImitationConfig, actions: Actions, context: dict[str, Any], device: torch.device = CPU
+    ) -> Student:
+        """Return the student before it has learnt anything; `context` is kept in its policy's file."""
+        return Student(config, actions, OPTIONS, (len(FEATURES), ROWS * COLUMNS), self.seed, context, device)
 
-    def _check(self, levels: Sequence[Level]) -> None:
-        """Raise `TrainingError` for numbers out of range, and for levels that are missing or given twice."""
-        names = [level.name for level in levels]
+    def _rivers(self, grounds: Sequence[Level | Reach], seeds: Sequence[int]) -> RiverList:
+        """Return the rivers of the levels, or the real river with the plants and hills of each seed."""
+        if self.river is None:
+            return RiverList.of_levels([(level, seeds) for level in grounds], self.rivers_in_memory)  # pyright: ignore
+        for seed in seeds:
+            announce_build(self.river, seed)
+        return RiverList([self.river.build(seed) for seed in seeds], self.rivers_in_memory)
+
+    def _seeds_of_gate(self, seeds: Sequence[int], config: ImitationConfig) -> Sequence[int]:
+        """Return the seeds of the rivers of the gate, or of as many starts on a real river."""
+        return seeds[: config.gate_rivers] if self.river is None else range(config.gate_rivers)
+
+    def _pass_gate(
+        self, grounds: Sequence[Level | Reach], seeds: Sequence[int], rules: EnvConfig, teacher: Teacher
+    ) -> None:
+        """Let the teacher fly rivers of each level, or starts on a real river; raises `TrainingError` if it fails."""
+        for ground in grounds:
+            if seeds:
+                what = "rivers of" if isinstance(ground, Level) else "starts on"
+                print_once(f"the teacher flies {len(seeds)} {what} {ground.name}, before anything is learnt from it")
+            check_teacher(ground, seeds, rules, flown_by(teacher))
+
+    def _check(self, grounds: Sequence[Level | Reach]) -> None:
+        """Raise `TrainingError` for numbers out of range, for levels that are missing or given twice, and for a real
+        river without seeds; `WorldError` for a file from which no river can be made."""
+        if self.river is not None:
+            self.river.check()
+        names = [ground.name for ground in grounds]
         if not names or len(set(names)) < len(names):
             raise TrainingError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
         threads = 1 if self.threads is None else self.threads
@@ -122,11 +145,14 @@ class Imitation:
         return EnvConfig(observation=config.observation, randomisation=looks, quality=config.quality)
 
     def _identity(
-        self, config: ImitationConfig, rules: EnvConfig, levels: Sequence[Level], seeds: Sequence[int]
+        self, config: ImitationConfig, rules: EnvConfig, grounds: Sequence[Level | Reach], seeds: Sequence[int]
     ) -> dict[str, Any]:
         """Return what distinguishes the run from others, as config.yaml has it."""
+        flown: dict[str, Any] = {"levels": [ground.name for ground in grounds]}
+        if self.river is not None:
+            flown = {"river": self.river.as_data(), **banks_version(grounds)}
         context = {
-            "levels": [level.name for level in levels],
+            **flown,
             "world_seeds": compact_seeds(seeds),
             "rivers": "episode",
             "observation": config.observation,

@@ -13,6 +13,7 @@ from thalweg.bench.evaluate.conditions import Condition, Trial
 from thalweg.bench.evaluate.episodes import Episode, read_episodes, write_episodes
 from thalweg.bench.leaderboard import RUN_FILES, UNSEEN, entries, leaderboard
 from thalweg.bench.results.results import RunRow, evaluation_path, read_runs, write_runs
+from thalweg.bench.results.run_versions import current_versions, some_critics_are_asymmetric, write_versions
 from thalweg.bench.suite.arms import Arm, Stage
 from thalweg.bench.suite.config import Suite
 from thalweg.cli.main import main
@@ -93,7 +94,6 @@ def test_those_that_surely_keep_the_limit_come_first_then_the_greater_return(tmp
             ("no more than 200,000 steps",),
         ),
         (replace(SUITE, forces=ForceOptions(current_m_per_s=(0.5, 0.5))), ("the paper's task in still air",)),
-        (replace(SUITE, task="Nests"), ("the paper's task in still air",)),
         (replace(SUITE, starts_seed=1), ("flights from the starts of `starts_seed` 0",)),
         (replace(SUITE, test_levels=("Medium", "Easy"), conditions=()),
          ("flights on Hard", "flights on Easy, Medium, Hard (unseen)")),
@@ -230,8 +230,40 @@ def test_policies_of_images_are_ranked_with_those_of_frames_and_say_which_images
     ]  # fmt: skip
 
 
+def test_the_packaged_policy_and_those_that_begin_with_it_are_ranked_among_themselves(tmp_path: Path):
+    begun = replace(
+        ARMS[1],
+        name="FOCOPS-imitated",
+        settings={"policy": "cnn"} | AT_ONCE,
+        observation="rgb+mask",
+        begin_with="packaged",
+    )
+    COSTS["packaged"], RETURNS["packaged"] = (0.0, 0.0, 0.0), 7.0
+    COSTS["FOCOPS-imitated"], RETURNS["FOCOPS-imitated"] = (0.0, 0.0, 0.0), 9.5
+    folder = write(tmp_path / "mine", replace(SUITE, arms=(*ARMS, begun), packaged=True))
+    made = json.loads((folder / "versions.json").read_text())
+    critics = some_critics_are_asymmetric([("FOCOPS", begun.settings, "default")])
+    own = current_versions(
+        "train", ["FOCOPS"], observation="rgb+mask", asymmetric_critics=critics, begins_with_packaged=True
+    )
+    write_versions(folder, made | {f"FOCOPS-imitated-{seed}": own for seed in range(3)})
+    page = leaderboard([folder])
+    assert "## Not ranked" not in page
+    alone, taught = page.split("## Imitated, and trained from an imitated policy\n")
+    rows = [
+        [tuple(cell.strip() for cell in line.split("|")[1:4]) for line in part.splitlines() if line[:1] == "|"][2:]
+        for part in (alone, taught)
+    ]
+    assert [policy for _, policy, _ in rows[0]] == ["FOCOPS", "P3O", "PPO"]
+    assert rows[1] == [("1", "FOCOPS-imitated (rgb+mask)", "mine"), ("2", "packaged (rgb+mask)", "mine")]
+    (packaged,) = [entry for entry in entries(folder) if entry.policy == "packaged"]
+    assert (packaged.trained, packaged.taught, packaged.seeds, packaged.missing) == (False, True, 1, ())
+    evaluation_path(folder, "packaged-0", Trial("Hard", UNSEEN)).unlink()
+    assert missing(folder, "packaged") == ("flights on Hard (unseen)",)
+
+
 def test_the_page_in_the_docs_is_what_its_command_writes(monkeypatch: pytest.MonkeyPatch):
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[3]
     monkeypatch.chdir(root)
     said = (root / "docs" / "leaderboard.md").read_text()
     (command,) = re.findall(r"^thalweg leaderboard (.*)$", said, flags=re.MULTILINE)

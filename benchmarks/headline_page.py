@@ -1,0 +1,97 @@
+"""Writes the findings to the top of `docs/findings.md`, and the first of them with its table into the README.
+
+    python benchmarks/headline_page.py            # writes both pages and draws the pictures
+    python benchmarks/headline_page.py --check    # writes nothing; fails where a page is not up to date
+
+The prose of these pages is tested against the results in tests/benchmarks/test_findings_prose.py.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from findings import results_of
+from headline_pictures import drawn
+from headlines import STUDY, Headline, algorithms, earlier_versions, flown, headlines
+from page_sections import replace_section, wrap
+
+from thalweg.bench.report.policies import evaluated_seeds, limit_met, train_level
+from thalweg.bench.report.table import frame, markdown
+from thalweg.bench.results.inference import mean_estimate
+from thalweg.bench.results.results import Results
+from thalweg.core.atomic_io import write_atomic
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE, README = ROOT / "docs" / "findings.md", ROOT / "README.md"
+PICTURES = ROOT / "docs" / "images" / "findings"
+
+
+def findings_section(found: Sequence[Headline], results: Results) -> str:
+    """Return the findings with their pictures, and what versions they are of."""
+    blocks = [
+        f"{wrap(f'**{number}. {each.title}.** {each.sentence}')}\n{_picture(each, 'images/findings')}"
+        for number, each in enumerate(found, start=1)
+    ]
+    return "\n".join([*blocks, wrap(_versions_note(found, results))])
+
+
+def _picture(headline: Headline, folder: str) -> str:
+    """Return a picture with what it shows in words."""
+    beside = f": {', '.join(headline.series)}" if len(headline.series) > 1 else ""
+    words = f"{headline.title}: {headline.axis} by algorithm{beside}, with 95 % confidence intervals"
+    return f"![{words}]({folder}/{headline.name}.png)\n"
+
+
+def _versions_note(found: Sequence[Headline], results: Results) -> str:
+    """Return which findings are of earlier versions than today's."""
+    earlier = earlier_versions(results)
+    if not earlier:
+        return "All of them are of today's versions."
+    numbers = [str(number) for number, each in enumerate(found, start=1) if each.folder == STUDY.name]
+    others = [str(number) for number, each in enumerate(found, start=1) if each.folder != STUDY.name]
+    note = f"**Findings {', '.join(numbers)} are of earlier versions**: {', '.join(earlier)}."
+    return note + (f" Finding {', '.join(others)} is of today's." if others else "")
+
+
+def readme_section(found: Sequence[Headline], results: Results) -> str:
+    """Return the table of the study on the training level, the picture of the first finding, and its versions."""
+    level, rows = train_level(results), []
+    for name in algorithms(results):
+        own = flown(results, name)
+        cost = mean_estimate(own, "cost")
+        returns = str(mean_estimate(own, "return_"))
+        rows.append([name, evaluated_seeds(results, name, own), returns, str(cost), limit_met(cost)])
+    table = markdown(frame(["algorithm", "seeds", f"return on {level}", "cost", "limit of 0.1 met"], rows))
+    picture = _picture(found[0], "docs/images/findings")
+    earlier = earlier_versions(results)
+    note = f"These results are of earlier versions: {', '.join(earlier)}." if earlier else ""
+    return "\n".join([wrap(found[0].sentence), table, picture, *([wrap(note)] if note else [])])
+
+
+def written_pages() -> dict[Path, str]:
+    """Return both pages with what the results have today."""
+    found, results = headlines(), results_of(STUDY)
+    sections = {
+        PAGE: ("headlines", findings_section(found, results)),
+        README: ("findings", readme_section(found, results)),
+    }
+    return {page: replace_section(page.read_text(encoding="utf-8"), *section) for page, section in sections.items()}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true", help="write nothing; fail where a page is not up to date")
+    check, pages = parser.parse_args().check, written_pages()
+    if check:
+        return int(any(page.read_text(encoding="utf-8") != text for page, text in pages.items()))
+    for page, text in pages.items():
+        write_atomic(page, text)
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    for each in headlines():
+        write_atomic(PICTURES / f"{each.name}.png", drawn(each))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

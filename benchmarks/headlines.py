@@ -1,0 +1,301 @@
+"""The five findings at the top of `docs/findings.md`: each a sentence, its numbers with intervals, and a picture.
+
+All of them follow from the results in this folder alone, so that they change with what is there. One whose results are
+not there yet is left out, and the next takes its place. Which numbers a sentence holds does not depend on how they turn
+out.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from findings import STUDY, results_of
+from scipy import stats
+from task_findings import read_studies
+from task_outcomes import LIMITLESS
+
+from thalweg.algos.registry import ALGORITHMS
+from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.fronts.fronts import FIXED
+from thalweg.bench.report.comparison_tables import return_change
+from thalweg.bench.report.policies import COST_LIMIT, limit_met, train_level
+from thalweg.bench.report.published import PUBLISHED
+from thalweg.bench.results.comparison import matched_scores, mean_difference
+from thalweg.bench.results.inference import Estimate, Proportion, mean_estimate, t_interval, wilson_interval
+from thalweg.bench.results.results import Results
+from thalweg.bench.results.run_versions import current_versions
+from thalweg.bench.results.statistics import group_episodes
+from thalweg.bench.suite.builtin import STUDIED
+
+HERE = Path(__file__).resolve().parent
+GEOMETRY = HERE / "geometry"
+SHOWN = 5
+"""Findings at the top of the page."""
+FLIES, PLANNER_FLIES = 8.0, 6.0
+"""Mean return on the training level from which an algorithm counts as flying, and a planner."""
+PLANNERS = ("SafeLOOP", "CCEPETS")
+BASE = "PPO"
+"""The algorithm without a limit."""
+Episodes = Sequence[Episode]
+
+
+@dataclass(frozen=True)
+class Headline:
+    """A finding."""
+
+    name: str
+    """Name of its picture's file."""
+    title: str
+    sentence: str
+    labels: tuple[str, ...]
+    """Rows of the picture."""
+    series: Mapping[str, tuple[Estimate | None, ...]]
+    """Values of the rows, with None where there is none, by what they are of."""
+    axis: str
+    """What the values are, below the picture."""
+    line: float | None = None
+    """A value that is marked in the picture."""
+    folder: str = STUDY.name
+    """Folder of the results that it follows from."""
+
+
+def flown(results: Results, policy: str, condition: str = "") -> Episodes:
+    """Return a policy's flights on the training level; none where it did not fly."""
+    rows = results.condition_episodes.get(condition, []) if condition else results.episodes
+    return group_episodes(rows).get((policy, train_level(results)), [])
+
+
+def algorithms(results: Results) -> list[str]:
+    """Return the algorithms that were flown with their default settings, those of the paper first."""
+    return [name for name in dict.fromkeys((*STUDIED, *ALGORITHMS)) if flown(results, name)]
+
+
+def is_whole(results: Results, policy: str) -> bool:
+    """Return whether every seed of a policy was flown, and there are enough of them for an interval."""
+    rows = flown(results, policy)
+    return bool(rows) and len({row.seed for row in rows}) >= max(3, results.planned_seeds(policy))
+
+
+def least_return(algorithm: str) -> float:
+    """Return the mean return from which an algorithm counts as flying."""
+    return PLANNER_FLIES if algorithm in PLANNERS else FLIES
+
+
+def returned(results: Results, policy: str, condition: str = "") -> Estimate | None:
+    """Return a policy's mean return; None where it did not fly."""
+    rows = flown(results, policy, condition)
+    return mean_estimate(rows, "return_") if rows else None
+
+
+def difference(first: Episodes, second: Episodes, of: str = "return_") -> Estimate:
+    """Return how much greater a field is in the first flights than in the second, from the same starts."""
+    return mean_difference(*matched_scores(first, second, of), of)
+
+
+def listed(parts: Sequence[str]) -> str:
+    """Return parts as an enumeration."""
+    return " and ".join([", ".join(parts[:-1]), parts[-1]]) if len(parts) > 1 else "".join(parts)
+
+
+def who_flies(results: Results) -> Headline:
+    """Return which algorithms fly on the training level."""
+    names, level = algorithms(results), train_level(results)
+    found = {name: each for name in names if (each := returned(results, name)) is not None}
+    flying = sorted(
+        (name for name in names if found[name].value >= least_return(name)), key=lambda name: -found[name].value
+    )
+    theirs = {name: PUBLISHED[name, level].return_mean for name in STUDIED}
+    best = max(theirs, key=lambda name: theirs[name])
+    there = sum(theirs[name] >= least_return(name) for name in STUDIED)
+    fewer = [name for name in dict.fromkeys((*STUDIED, *names)) if not is_whole(results, name)]
+    sentence = (
+        f"{len(flying)} of {len(names)} algorithms return at least {FLIES:g} of 10 on {level} (planners"
+        f" {PLANNER_FLIES:g}): {listed([f'{name} {found[name]}' for name in flying]) or 'none'}. In the paper, in"
+        f" another simulator, {there or 'none'} of {len(STUDIED)} did; the most was {theirs[best]:.2f}"
+        f" ({best})."
+    )
+    if fewer:
+        sentence += f" Fewer than three seeds: {listed(fewer)}."
+    series = {
+        "here": tuple(found[name] for name in names),
+        "paper, another simulator": tuple(Estimate(theirs[name]) if name in theirs else None for name in names),
+    }
+    return Headline(
+        "who-flies", "Who learns to fly", sentence, tuple(names), series, f"mean return on {level}", line=FLIES
+    )
+
+
+def settings(results: Results) -> Headline | None:
+    """Return what our settings add to the return of algorithms, beside those of the paper; None where no algorithm was
+    flown with both."""
+    pairs = [name for name in algorithms(results) if flown(results, f"{name}-paper")]
+    if not pairs:
+        return None
+    level = train_level(results)
+    gains = [f"{name} {difference(flown(results, name), flown(results, f'{name}-paper'))}" for name in pairs]
+    sentence = (
+        f"With our default settings in place of the study's, as far as these are known, the return on {level} is"
+        f" greater by: {listed(gains)}."
+    )
+    series = {
+        "our settings": tuple(returned(results, name) for name in pairs),
+        "the study's": tuple(returned(results, f"{name}-paper") for name in pairs),
+    }
+    return Headline("settings", "Settings", sentence, tuple(pairs), series, f"mean return on {level}")
+
+
+def eye(results: Results, other: Results | None) -> Headline | None:
+    """Return what codes of geometry change, and how alike the orders of the algorithms are; None where they were not
+    flown."""
+    names = [] if other is None else [name for name in algorithms(results) if flown(other, name)]
+    if other is None or not names:
+        return None
+    series: dict[str, tuple[Estimate | None, ...]] = {
+        words: tuple(returned(each, name) for name in names)
+        for words, each in (("codes of the autoencoder", results), ("codes of geometry", other))
+    }
+    values = [[each.value for each in found if each is not None] for found in series.values()]
+    changes = [
+        f"{name} {difference(flown(other, name), flown(results, name))}"
+        for name in names
+        if is_whole(results, name) and is_whole(other, name)
+    ]
+    sentence = (
+        f"On codes of geometry in place of the autoencoder's, the return on {train_level(results)} is greater by:"
+        f" {listed(changes) or 'no algorithm has three seeds of both'}."
+    )
+    if len(names) > 2:
+        alike = np.corrcoef([stats.rankdata(each) for each in values])[0, 1]
+        sentence += f" The rank correlation of both orders of {len(names)} algorithms is {alike:.2f}."
+    return Headline(
+        "eye", "The eye and the algorithm", sentence, tuple(names), series, f"mean return on {train_level(results)}"
+    )
+
+
+def limit(results: Results) -> Headline:
+    """Return whether the cost limit of the paper's task is met, and whether it lowers the cost."""
+    names = [name for name in algorithms(results) if name not in LIMITLESS and is_whole(results, name)]
+    costs = {name: mean_estimate(flown(results, name), "cost") for name in (BASE, *names)}
+    met = [name for name in names if limit_met(costs[name]) == "yes"]
+    above = [name for name in names if limit_met(costs[name]) == "no"]
+    base = flown(results, BASE)
+    lower = [name for name in names if difference(flown(results, name), base, "cost").high < 0]
+    less = f"significantly less costs {listed(lower)}" if lower else "none of them costs significantly less"
+    sentence = (
+        f"On {train_level(results)} the cost limit of {COST_LIMIT:g} is surely met by {listed(met) or 'none'} of"
+        f" {len(names)} algorithms that have it and three seeds, and surely exceeded by {listed(above) or 'none'}."
+        f" {BASE}, which has no limit, costs {costs[BASE]}; {less}."
+    )
+    labels = (BASE, *names)
+    series = {"cost": tuple(costs[name] for name in labels)}
+    return Headline(
+        "limit", "The limit of the paper's task", sentence, labels, series, "mean cost of an episode", line=COST_LIMIT
+    )
+
+
+def price(folder: Path = HERE) -> Headline | None:
+    """Return how often limits that have a price are held, and how far below the oracle; None where nothing was run."""
+    every = [each for study in read_studies(folder).values() for each in study.limited(FIXED)]
+    if not every:
+        return None
+    held = [each for each in every if each.holds]
+    names = [name for name in ALGORITHMS if any(each.algorithm == name for each in every)]
+    tasks = list(dict.fromkeys(each.task for each in every))
+    below = [each.regret.value for each in held]
+    sentence = (
+        f"In tasks where safety has a price ({listed(tasks)}), the mean cost is within the limit for {len(held)} of"
+        f" {len(every)} pairs of an algorithm and a limit ({_share(len(held), len(every))})."
+    )
+    if below:
+        sentence += f" These return {np.median(below):.2f} points (the median) less than the oracle at the same cost."
+    shares = [
+        _share(sum(each.holds for each in every if each.algorithm == name), sum(e.algorithm == name for e in every))
+        for name in names
+    ]
+    return Headline(
+        "price", "Limits that have a price", sentence, tuple(names), {"held": tuple(shares)},
+        "share of limits that are held in the mean", folder="the suites of tasks",
+    )  # fmt: skip
+
+
+def _share(count: int, number: int) -> Proportion:
+    """Return a share with Wilson's interval."""
+    return Proportion(count / number, *wilson_interval(count / number, number))
+
+
+def elsewhere(results: Results) -> Headline | None:
+    """Return what policies that fly lose on unseen rivers and under unseen looks; None where none was flown there."""
+    names = [
+        name
+        for name in algorithms(results)
+        if is_whole(results, name)
+        and mean_estimate(flown(results, name), "return_").value >= least_return(name)
+        and flown(results, name, "unseen")
+    ]
+    if not names:
+        return None
+    changes, looks = ([*_changes(results, names, condition)] for condition in ("unseen", "all_at_once"))
+    sentence = (
+        f"On unseen rivers of {train_level(results)} the return of algorithms that fly changes by: {listed(changes)}"
+        + (f"; under every look at once, on the river of training, by: {listed(looks)}." if looks else ".")
+    )
+    series = {
+        words: tuple(returned(results, name, condition) for name in names)
+        for words, condition in (
+            ("river of training", ""), ("unseen rivers", "unseen"), ("every look at once", "all_at_once"),
+        )
+    }  # fmt: skip
+    return Headline(
+        "elsewhere", "Other rivers and looks", sentence, tuple(names), series, f"mean return on {train_level(results)}"
+    )
+
+
+def _changes(results: Results, names: Sequence[str], condition: str) -> Iterator[str]:
+    """Yield the change of the return of each policy under a condition: paired by start where the starts are the same,
+    and by seed elsewhere."""
+    for name in names:
+        after, before = flown(results, name, condition), flown(results, name)
+        if not after:
+            continue
+        change = return_change(after, before)
+        yield f"{name} {change if isinstance(change, Estimate) else by_seed_change(after, before)}"
+
+
+def by_seed_change(after: Episodes, before: Episodes) -> Estimate:
+    """Return the change of the mean return of seeds, with an interval over them."""
+    seeds = sorted({row.seed for row in after} & {row.seed for row in before})
+    later, earlier = (
+        np.array([np.mean([row.return_ for row in rows if row.seed == seed]) for seed in seeds])
+        for rows in (after, before)
+    )
+    changes = later - earlier
+    return t_interval(float(changes.mean()), changes)
+
+
+def earlier_versions(results: Results) -> list[str]:
+    """Return the versions of the study that differ from those of today, with these in brackets; none if none does."""
+    recorded = results.versions.get(f"{BASE}-0", {})
+    today = current_versions("train", [BASE], asymmetric_critics="privileged" in recorded)
+    return [
+        f"{name} {version} (today {today[name]})"
+        for name, version in recorded.items()
+        if name in today and today[name] != version
+    ]
+
+
+@cache
+def headlines(folder: Path = HERE) -> tuple[Headline, ...]:
+    """Return the findings that the results of a folder show, at most `SHOWN`."""
+    study = results_of(folder / STUDY.name)
+    geometry = results_of(folder / GEOMETRY.name) if (folder / GEOMETRY.name).is_dir() else None
+    every: tuple[Callable[[], Headline | None], ...] = (
+        lambda: who_flies(study),
+        lambda: settings(study),
+        lambda: eye(study, geometry),
+        lambda: limit(study),
+        lambda: price(folder),
+        lambda: elsewhere(study),
+    )
+    return tuple(found for make in every if (found := make()) is not None)[:SHOWN]

@@ -1,0 +1,275 @@
+"""The head of a student: one over all joint moves, beside one for each branch of the action, as students have it.
+
+    python benchmarks/heads.py                  # trains and measures all that has no row yet
+    python benchmarks/heads.py --only joint     # one of the heads
+    python benchmarks/heads.py --write          # the table of docs/imitation.md
+
+Students differ in the last layer of their policy only: 54 logits of moves, or 12 of options, of which a move's four are
+added. Both learn by the same loss, with the same seeds, on 16 rivers of each level. A row of heads.csv is appended as a
+student is measured: on flights of its own on unseen rivers, and on states that are the same for all, from flights of
+the teacher with a fifth of random moves on other unseen rivers. Of these, `regret` is how much less the student's most
+probable move is worth than the best one, in segments of progress, `fatal` the share of them that are as bad as can be,
+and `cross_entropy` that of its probabilities. A student that has a row is skipped, and training resumes in `--runs`.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from any_river import LEVELS
+from ladder_arms import FIRST_RIVER, SEEDS
+from page_sections import replace_section
+from river_flights import append, figures_of, fly
+from safetensors.numpy import load_file
+from torch import Tensor
+
+from thalweg.algos.common.state import CPU, load_module
+from thalweg.algos.imitation.config import ImitationConfig
+from thalweg.algos.imitation.student import ALGORITHM, Student
+from thalweg.algos.imitation.targets import cross_entropy, regrets, soft_targets
+from thalweg.algos.policy.actions import Actions, actions_of
+from thalweg.algos.policy.policy_file import tensors_of
+from thalweg.bench.csv_files import read_csv
+from thalweg.bench.evaluate.course import UNSEEN, Course, EvaluationConfig
+from thalweg.bench.evaluate.evaluation import Label
+from thalweg.bench.report.table import frame, markdown
+from thalweg.bench.results.inference import Estimate, t_interval
+from thalweg.core import versions
+from thalweg.core.atomic_io import write_atomic
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.spaces import action_space
+from thalweg.env.task.bird_eye import COLUMNS as MAP_COLUMNS
+from thalweg.env.task.bird_eye import ROWS as MAP_ROWS
+from thalweg.env.task.ideal_eye import FEATURES
+from thalweg.render.records.randomisation import Randomisation
+from thalweg.train.folder.run_record import POLICY
+from thalweg.train.imitation.flights import Flights
+from thalweg.train.imitation.imitate import Imitation
+from thalweg.train.imitation.teachers import OPTIONS
+from thalweg.world import level_named
+
+HERE = Path(__file__).resolve().parent
+TABLE = HERE / "heads.csv"
+PAGE, SECTION = HERE.parent / "docs" / "imitation.md", "heads"
+JOINT, BRANCHES = "joint", "branches"
+STEPS, RIVERS = 100_000, 16
+"""Steps of training, on so many rivers of each level."""
+EPISODES = 100
+"""Flights on unseen rivers of each level that is flown."""
+FLOWN = ("Medium", "Hard")
+OTHERS = range(UNSEEN + 500, UNSEEN + 516)
+"""Seeds of the rivers of the common states."""
+COMMON_SEQUENCES, ENVS, NOISE = 16, 32, 0.2
+"""Sequences of common states in each of so many environments, and the share of random moves in them."""
+CONTEXT = {"observation": ImitationConfig().observation}
+"""What flights need to know of a policy's training."""
+MADE_WITH = ("imitation", "render", "rules", "world", "evaluation")
+KEY = ("head", "seed", "steps", "rivers", "episodes", *MADE_WITH)
+RETURNS = tuple(f"{name}_{level}" for level in FLOWN for name in ("return", "violations"))
+COMMON = ("states", "cross_entropy", "regret", "fatal")
+COLUMNS = (*KEY, *RETURNS, *COMMON)
+
+
+@dataclass(frozen=True)
+class JointMoves:
+    """A distribution over whole moves at B states."""
+
+    log_p: Tensor
+    """[B, M]."""
+    moves: Tensor
+    """[M, A] options of each move."""
+
+    def sample(self, generator: torch.Generator | None) -> Tensor:
+        """Return the options [B, A] of drawn moves."""
+        return self.moves[torch.multinomial(self.log_p.exp(), 1, generator=generator)[:, 0]]
+
+    def mode(self) -> Tensor:
+        """Return the options [B, A] of the most probable moves."""
+        return self.moves[self.log_p.argmax(-1)]
+
+    def log_prob(self, actions: Tensor) -> Tensor:
+        """Return the log-probability [B] of options [B, A]; -inf for those of no move."""
+        same = (actions[:, None] == self.moves).all(-1)
+        return torch.where(same, self.log_p, -torch.inf).amax(-1)
+
+    def entropy(self) -> Tensor:
+        """Return the entropy [B], in nats."""
+        return -(self.log_p.exp() * self.log_p).sum(-1)
+
+    def kl(self, other: "JointMoves") -> Tensor:
+        """Return KL(self ‖ other) [B], in nats."""
+        return (self.log_p.exp() * (self.log_p - other.log_p)).sum(-1)
+
+
+class JointActions(Actions):
+    """An action space whose policy has one logit for each move."""
+
+    @property
+    def outputs(self) -> int:
+        """M."""
+        return len(OPTIONS)
+
+    def distribution(self, parameters: Tensor) -> JointMoves:
+        """Return the distribution over moves at each state, from logits [B, M]."""
+        return JointMoves(parameters.log_softmax(-1), torch.from_numpy(OPTIONS))
+
+
+class JointStudent(Student):
+    """A student whose policy has one logit for each move."""
+
+    def log_probs(self, logits: Tensor) -> Tensor:
+        """Return the log probabilities [B, M] of moves from their logits [B, M]."""
+        return logits.log_softmax(-1)
+
+
+class JointImitation(Imitation):
+    """An imitation by a `JointStudent`."""
+
+    def new_student(
+        self, config: ImitationConfig, actions: Actions, context: dict[str, Any], device: torch.device = CPU
+    ) -> JointStudent:
+        """Return the student before it has learnt anything."""
+        sizes = len(FEATURES), MAP_ROWS * MAP_COLUMNS
+        return JointStudent(config, JointActions(**vars(actions)), OPTIONS, sizes, self.seed, context, device)
+
+
+IMITATIONS: dict[str, type[Imitation]] = {BRANCHES: Imitation, JOINT: JointImitation}
+
+
+def common_states(student: Student) -> dict[str, str]:
+    """Return `COMMON` of a student on the common states, through which the same moves lead whatever it would do."""
+    rivers = RiverList.of_levels([(level_named(level), OTHERS) for level in LEVELS], None)
+    rules = EnvConfig(observation=student.config.observation, randomisation=Randomisation())
+    env = RiverVectorEnv(rivers, ENVS, rules)
+    cross, regret = [], []
+    try:
+        flights = Flights(env, student, seed=0)
+        flights.reset(list(range(ENVS)))
+        for _ in range(COMMON_SEQUENCES):
+            flights.begin()
+            for _ in range(student.config.sequence):
+                images, _, terminated, truncated, _ = env.step(flights.act(1.0, NOISE))
+                flights.arrive(images, terminated | truncated)
+            found, missed = judged(student, flights)
+            cross.append(found)
+            regret.append(missed)
+    finally:
+        env.close()
+    missed = torch.cat(regret)
+    fatal = (missed >= student.config.worst_regret).float().mean()
+    figures = torch.stack(cross).mean(), missed.mean(), fatal
+    return {"states": str(len(missed))} | {
+        name: f"{float(value):.4f}" for name, value in zip(COMMON[1:], figures, strict=True)
+    }
+
+
+@torch.inference_mode()
+def judged(student: Student, flights: Flights) -> tuple[Tensor, Tensor]:
+    """Return the cross-entropy of the noted steps, and the regret [B] of the most probable move in each."""
+    lesson = flights.lesson(flights.sequences())
+    every = torch.arange(lesson.rows.shape[1])
+    log_probs = student.log_probs(student.policy.actor.parameters_of(student.features(lesson, every)))
+    regret = regrets(lesson.worths.flatten(0, 1), student.config.worst_regret)
+    chosen = regret.gather(1, log_probs.argmax(-1, keepdim=True))[:, 0]
+    return cross_entropy(soft_targets(regret, student.config.temperature), log_probs), chosen
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A student with one of the heads."""
+
+    head: str
+    seed: int
+    steps: int
+    episodes: int
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """Values of `KEY`."""
+        made_with = [str(getattr(versions, name.upper())) for name in MADE_WITH]
+        return self.head, str(self.seed), str(self.steps), str(RIVERS), str(self.episodes), *made_with
+
+    @property
+    def folder(self) -> str:
+        """Name of the folder of its run."""
+        return "-".join(self.key)
+
+    def measure(self, runs: Path) -> dict[str, str]:
+        """Train the student, or resume, and measure it; returns its row."""
+        seeds = range(FIRST_RIVER, FIRST_RIVER + RIVERS)
+        imitation = IMITATIONS[self.head](runs / self.folder, self.steps, self.seed, LEVELS, seeds)
+        imitation.run(progress=True)
+        student = trained(imitation)
+        row = dict(zip(KEY, self.key, strict=True)) | common_states(student)
+        config = EvaluationConfig(self.episodes, deterministic=True)
+        for level in FLOWN:
+            courses = Course.of_seeds(level, range(UNSEEN, UNSEEN + self.episodes), config)
+            one_each = (course.those([index]) for index, course in enumerate(courses))
+            figures = figures_of(fly(student.policy, one_each, Label(ALGORITHM, self.seed, level), config))
+            row |= {f"{name}_{level}": figures[name] for name in ("return", "violations")}
+        return row
+
+
+def trained(imitation: Imitation) -> Student:
+    """Return the student of a finished run, as its policy's file has it."""
+    student = imitation.new_student(ImitationConfig(), actions_of(action_space("multidiscrete")), CONTEXT)
+    load_module(student.policy.actor, tensors_of(load_file(imitation.folder / POLICY), "actor"))
+    return student
+
+
+def table(rows: Iterable[Mapping[str, str]]) -> str:
+    """Return the table of the page: a line for each head."""
+    lines = []
+    for head in IMITATIONS:
+        mine = [row for row in rows if row["head"] == head]
+        if mine:
+            cells = [(name, 2 if name.startswith("return") else 4) for name in (*RETURNS, *COMMON[1:])]
+            shown = {BRANCHES: "one for each branch", JOINT: "over joint moves"}[head]
+            lines.append([shown, str(len(mine)), *(estimate(mine, name, digits) for name, digits in cells)])
+    heading = ["head", "seeds", *(name.replace("_", ", ", 1) for name in RETURNS), *COMMON[1:]]
+    return markdown(frame([each.replace("cross, ", "cross-") for each in heading], lines))
+
+
+def estimate(rows: Sequence[Mapping[str, str]], name: str, digits: int) -> str:
+    """Return the mean of a column with its interval over seeds."""
+    per_seed = np.array([float(row[name]) for row in rows])
+    found: Estimate = t_interval(float(per_seed.mean()), per_seed)
+    low = "" if np.isnan(found.low) else f" [{max(found.low, 0.0):.{digits}f}, {found.high:.{digits}f}]"
+    return f"{found.value:.{digits}f}{low}"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", nargs="+", choices=list(IMITATIONS), default=list(IMITATIONS), help="heads")
+    parser.add_argument("--steps", type=int, default=STEPS, help="steps of training")
+    parser.add_argument("--episodes", type=int, default=EPISODES, help="flights on each level")
+    parser.add_argument("--runs", type=Path, default=HERE.parent / "runs" / "heads", help="folder of the runs")
+    parser.add_argument("--out", type=Path, default=TABLE, help="the table")
+    parser.add_argument("--write", action="store_true", help="train and fly nothing, but write the page")
+    given = parser.parse_args(arguments)
+    if given.steps < 1 or given.episodes < 2:
+        parser.error("--steps must be at least 1, --episodes at least 2")
+    trials = [Trial(head, seed, given.steps, given.episodes) for seed in SEEDS for head in given.only]
+    rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
+    found = {tuple(row[name] for name in KEY): row for row in rows}
+    if given.write:
+        today = [found[trial.key] for trial in trials if trial.key in found]
+        text = table(today) if today else "Nothing was measured with today's versions.\n"
+        write_atomic(PAGE, replace_section(PAGE.read_text(encoding="utf-8"), SECTION, text))
+        return 0
+    for trial in trials:
+        if trial.key not in found:
+            row = trial.measure(given.runs)
+            append(given.out, COLUMNS, row)
+            print(*(f"{name} {row[name]}" for name in COLUMNS), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

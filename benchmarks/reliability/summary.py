@@ -1,0 +1,98 @@
+"""Writes what has been fuzzed, flown and killed so far into the page of this folder, from its tables.
+
+    python benchmarks/reliability/summary.py            # writes the tables
+    python benchmarks/reliability/summary.py --check    # writes nothing; fails where the page is not up to date
+
+Rows of pieces with failures count with these: a piece that was run again has one row, its last.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))  # the generated sections of pages are written as those of other benchmarks
+
+from fuzz_kinds import KINDS  # noqa: E402
+from page_sections import replace_section  # noqa: E402
+
+from thalweg.bench.csv_files import read_csv  # noqa: E402
+from thalweg.bench.report.table import frame, markdown  # noqa: E402
+from thalweg.core.atomic_io import write_atomic  # noqa: E402
+
+PAGE = HERE / "README.md"
+NOTHING = "Nothing yet.\n"
+FUZZED = ("kind", "piece", "files", "read", "refused", "failed")
+SOAKED = ("piece", "rivers", "amount", "faults")
+KILLED = ("command", "trial", "kill", "finished", "faults")
+WANTED_FILES, WANTED_STEPS, WANTED_FRAMES, WANTED_KILLS = 100_000, 100_000_000, 1_000_000, 50
+"""Files of each kind, steps, frames, and kills of each command that the whole has."""
+
+
+def rows_of(folder: Path, name: str, columns: Sequence[str]) -> list[dict[str, str]]:
+    """Return the rows of a table of a folder; none where it is not there yet."""
+    return read_csv(folder / name, columns) if (folder / name).is_file() else []
+
+
+def fuzzed(rows: Sequence[dict[str, str]]) -> str:
+    """Return the files that were read so far, by the ending of their names."""
+    endings: dict[str, list[str]] = {}
+    for name, kind in KINDS.items():
+        endings.setdefault(Path(kind.file).suffix or "no ending", []).append(name)
+    lines = []
+    for ending, names in sorted(endings.items()):
+        own = [row for row in rows if row["kind"] in names]
+        files = {name: sum(int(row["files"]) for row in own if row["kind"] == name) for name in names}
+        sums = [sum(int(row[column]) for row in own) for column in ("read", "refused", "failed")]
+        lines.append([ending, str(len(names)), f"{min(files.values()):,}", *(f"{each:,}" for each in sums)])
+    header = ["files", "kinds", f"of each kind, of {WANTED_FILES:,}", "read", "refused", "failed"]
+    return markdown(frame(header, lines)) if rows else NOTHING
+
+
+def soaked(steps: Sequence[dict[str, str]], frames: Sequence[dict[str, str]]) -> str:
+    """Return the steps and frames so far."""
+    lines = []
+    for what, rows, wanted in (("steps", steps, WANTED_STEPS), ("frames", frames, WANTED_FRAMES)):
+        pieces = {row["piece"]: row for row in rows}  # the last of each piece: that of the newest versions
+        amount, rivers, faults = (
+            sum(int(row[name]) for row in pieces.values()) for name in ("amount", "rivers", "faults")
+        )
+        lines.append([what, f"{amount:,} of {wanted:,}", f"{rivers:,}", str(faults)])
+    return markdown(frame(["", "so far", "rivers", "faults"], lines)) if steps or frames else NOTHING
+
+
+def killed(rows: Sequence[dict[str, str]]) -> str:
+    """Return the kills so far, by command."""
+    lines = []
+    for command in dict.fromkeys(row["command"] for row in rows):
+        own = [row for row in rows if row["command"] == command]
+        trials = {row["trial"]: row for row in own}
+        faulty = sum(row["faults"] != "0" for row in trials.values())
+        after = sum(row["finished"] != "0" for row in own)
+        lines.append([f"`{command}`", f"{len(own)} of {WANTED_KILLS}", str(after), str(len(trials)), str(faulty)])
+    header = ["command", "kills", "after something was finished", "trials", "trials with faults"]
+    return markdown(frame(header, lines)) if rows else NOTHING
+
+
+def written_page(page: str, folder: Path = HERE) -> str:
+    """Return the page with what the tables of a folder have today."""
+    page = replace_section(page, "fuzzed", fuzzed(rows_of(folder, "fuzz.csv", FUZZED)))
+    both = (rows_of(folder, name, SOAKED) for name in ("soak_steps.csv", "soak_frames.csv"))
+    page = replace_section(page, "soaked", soaked(*both))
+    return replace_section(page, "killed", killed(rows_of(folder, "kills.csv", KILLED)))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true", help="write nothing; fail where the page is not up to date")
+    old = PAGE.read_text(encoding="utf-8")
+    new = written_page(old)
+    if parser.parse_args().check:
+        return int(new != old)
+    write_atomic(PAGE, new)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

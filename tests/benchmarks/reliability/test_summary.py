@@ -1,0 +1,52 @@
+"""Tests of the summary of the tables of reliability, by rows whose sums are known."""
+
+from collections.abc import Callable
+from types import ModuleType
+
+import pytest
+
+
+@pytest.fixture
+def summary(script: Callable[[str], ModuleType]) -> ModuleType:
+    return script("summary")
+
+
+def cells(table: str) -> list[list[str]]:
+    return [[cell.strip() for cell in line.strip("| ").split(" | ")] for line in table.splitlines()]
+
+
+def test_the_page_is_what_the_tables_have(summary: ModuleType):
+    page = summary.PAGE.read_text()
+    assert summary.written_page(page) == page
+
+
+def test_files_are_counted_by_ending_and_the_least_number_of_a_kind_is_told(summary: ModuleType):
+    rows = [
+        {"kind": kind, "piece": piece, "files": "1000", "read": "600", "refused": "399", "failed": "1"}
+        for kind, piece in (("geojson", "0"), ("geojson", "1"), ("geojson line", "0"))
+    ]
+    found = cells(summary.fuzzed(rows))
+    assert [".geojson", "2", "1,000", "1,800", "1,197", "3"] in found
+    assert [row for row in found if row[0] == ".gpx"] == [[".gpx", "1", "0", "0", "0", "0"]]
+
+
+def test_a_piece_that_was_flown_with_several_versions_counts_once(summary: ModuleType):
+    rows = [
+        {"piece": piece, "rivers": "10", "amount": "1000000", "rules": rules, "faults": faults}
+        for piece, rules, faults in (("0", "1", "3"), ("1", "1", "0"), ("0", "2", "0"))
+    ]
+    steps, frames = cells(summary.soaked(rows, []))[2:]
+    assert steps == ["steps", "2,000,000 of 100,000,000", "20", "0"]
+    assert frames == ["frames", "0 of 1,000,000", "0", "0"]
+
+
+def test_kills_are_counted_by_command_and_faults_by_trial(summary: ModuleType):
+    rows = [
+        {"command": "bench", "trial": trial, "kill": kill, "finished": finished, "faults": faults}
+        for trial, kill, finished, faults in (("0", "0", "0", "0"), ("1", "0", "1", "2"), ("1", "1", "3", "2"))
+    ]
+    assert cells(summary.killed(rows))[2:] == [["`bench`", "3 of 50", "2", "2", "1"]]
+
+
+def test_without_a_table_there_is_nothing_yet(summary: ModuleType):
+    assert {summary.fuzzed([]), summary.soaked([], []), summary.killed([])} == {summary.NOTHING}

@@ -1,0 +1,157 @@
+"""The findings at the top of the page: numbers of made-up flights that are worked by hand, and the committed pages."""
+
+import importlib
+import io
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from PIL import Image
+
+from tests.bench.report.small_results import flights
+from thalweg.bench.evaluate.conditions import Condition
+from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.results.inference import Estimate
+from thalweg.bench.results.results import Results
+from thalweg.bench.suite.arms import Arm
+from thalweg.bench.suite.config import Suite
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+SCRIPTS = (
+    *("headlines", "headline_pictures", "headline_page", "findings"),
+    *("task_findings", "task_facts", "task_findings_picture", "task_outcomes"),
+)
+ARMS = (Arm("PPO"), Arm("PPOLag"), Arm("FOCOPS"), Arm("CCEPETS"), Arm("PPO", "paper"))
+SUITE = Suite(
+    "study",
+    ARMS,
+    test_levels=("Medium",),
+    baselines=(),
+    packaged=False,
+    conditions=(Condition("unseen", unseen=True), Condition("all_at_once", levels=("Medium",), varied=("haze",))),
+)
+RETURNS = {"PPO": 6.5, "PPOLag": 5.0, "FOCOPS": 1.0, "CCEPETS": 4.0, "PPO-paper": 2.5}
+"""Of the first start of the first seed: the mean of three seeds and two starts is 2 more."""
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    for name in SCRIPTS:
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    return importlib.import_module("headlines")
+
+
+def study(change: float = 0.0, seeds: int = 3, costs: dict[str, float] | None = None) -> Results:
+    """Results whose policies return `RETURNS` and cost 0.2 (the mean of starts of 0 and 0.4) or what `costs` says."""
+    cost = dict.fromkeys(RETURNS, 0.4) | (costs or {})
+    own = [row for name, value in RETURNS.items() for row in flights(name, seeds, value + change, cost[name])]
+    away = [replace(row, world_seed=100_000 + row.episode, return_=row.return_ - 1 - row.seed) for row in own]
+    looks = [replace(row, return_=row.return_ - 2) for row in own]
+    conditions: dict[str, list[Episode]] = {"unseen": away, "all_at_once": looks}
+    return Results(Path(), SUITE.as_data(), [], own, [], [], condition_episodes=conditions)
+
+
+def test_those_fly_that_return_8_and_planners_that_return_6(script: ModuleType):
+    found = script.who_flies(study())
+    assert found.sentence.startswith("2 of 4 algorithms return at least 8 of 10 on Medium (planners 6): PPO 8.50")
+    assert "and CCEPETS 6.00" in found.sentence and "PPOLag" not in found.sentence.partition("In the paper")[0]
+    assert "none of 10 did; the most was 6.30 (FOCOPS)." in found.sentence
+    assert found.sentence.endswith("Fewer than three seeds: P3O, OnCRPO, DDPGLag, TD3Lag, SACLag and SafeLOOP.")
+    here, theirs = found.series.values()
+    assert [each.value for each in here] == [8.5, 7.0, 3.0, 6.0]
+    assert [each.value for each in theirs] == [5.22, 3.81, 6.30, 0.05]
+
+
+def test_what_settings_add_is_the_difference_from_the_same_starts(script: ModuleType):
+    found = script.settings(study())
+    assert found.labels == ("PPO",) and "greater by: PPO 4.00 [" in found.sentence  # 8.5 and 4.5
+    assert (
+        script.settings(replace(study(), episodes=[row for row in study().episodes if row.algorithm == "PPO"])) is None
+    )
+
+
+def test_the_eye_is_left_out_until_it_has_been_flown(script: ModuleType):
+    assert script.eye(study(), None) is None
+    other = study(change=1.0)
+    found = script.eye(study(), other)
+    assert found.labels == ("PPO", "PPOLag", "FOCOPS", "CCEPETS")
+    assert (
+        "PPO 1.00 [" in found.sentence and "rank correlation of both orders of 4 algorithms is 1.00" in found.sentence
+    )
+    one = replace(other, episodes=[row for row in other.episodes if row.seed == 0])
+    assert "no algorithm has three seeds of both" in script.eye(study(), one).sentence
+
+
+def test_the_limit_is_judged_by_whole_intervals(script: ModuleType):
+    found = script.limit(study(costs={"PPO": 1.0, "PPOLag": 0.0}))
+    assert found.labels == ("PPO", "PPOLag", "FOCOPS", "CCEPETS")
+    assert [round(each.value, 9) for each in found.series["cost"]] == [0.5, 0.0, 0.2, 0.2]
+    assert (
+        "surely met by none of 3 algorithms that have it and three seeds, and surely exceeded by none."
+        in found.sentence
+    )
+    sure = replace(study(), episodes=[replace(row, cost=0.5) for row in study().episodes])
+    assert (
+        "surely exceeded by PPOLag, FOCOPS and CCEPETS. PPO, which has no limit, costs 0.50"
+        in script.limit(sure).sentence
+    )
+    assert script.limit(sure).sentence.endswith("; none of them costs significantly less.")
+    few = study(seeds=2)
+    assert script.limit(few).labels == ("PPO",)  # without an interval nothing is sure
+
+
+def test_losses_are_paired_by_start_or_by_seed(script: ModuleType):
+    found = script.elsewhere(study())
+    assert found.labels == ("PPO", "CCEPETS")
+    assert "changes by: PPO -2.00 [-4.48, 0.48]" in found.sentence  # -1, -2 and -3: 4.303 / √3
+    assert "PPO -2.00 [-4.48, 0.48]" in found.sentence and "every look at once" in found.sentence
+    change = script.by_seed_change(study().condition_episodes["unseen"][:6], study().episodes[:6])
+    assert (change.value, round(change.high - change.value, 2)) == (-2.0, 2.48)
+
+
+def test_what_has_not_been_run_gives_no_finding(script: ModuleType, tmp_path: Path):
+    assert script.price(tmp_path) is None
+    alone = replace(study(), condition_episodes={})
+    assert script.elsewhere(alone) is None
+
+
+def test_there_are_five_findings_with_what_the_repository_has_today(script: ModuleType):
+    assert len(script.headlines()) == script.SHOWN
+    assert len({each.name for each in script.headlines()}) == script.SHOWN
+
+
+def test_the_pages_are_what_the_results_have(script: ModuleType):
+    for page, text in importlib.import_module("headline_page").written_pages().items():
+        assert page.read_text() == text
+    pictures = importlib.import_module("headline_page").PICTURES
+    assert {path.stem for path in pictures.glob("*.png")} == {each.name for each in script.headlines()}
+
+
+def test_the_findings_take_two_screens_at_most(script: ModuleType):
+    """A screen is 1200 pixels high, and its column 900 wide, with 24 for a line of text."""
+    page = importlib.import_module("headline_page")
+    text = page.PAGE.read_text().partition("## The results")[0]
+    lines = sum(24 for line in text.splitlines() if line and not line.startswith("!["))
+    pictures = sum(Image.open(page.PICTURES / f"{each.name}.png").height for each in script.headlines())
+    assert lines + pictures < 2400
+
+
+def test_a_picture_has_a_point_for_each_value_and_a_line_for_each_interval(script: ModuleType):
+    pictures = importlib.import_module("headline_pictures")
+    series = {"a": (Estimate(1.0, 0.5, 1.5), Estimate(2.0)), "b": (None, Estimate(3.0, 2.5, 3.5))}
+    found = script.Headline("name", "Title", "", ("one", "two"), series, "what", line=8.0)
+    axis = pictures.figure_of(found).axes[0]
+    drawn = [line for line in axis.lines if len(line.get_xdata())]
+    assert sorted(len(line.get_xdata()) for line in drawn) == [
+        1,
+        1,
+        1,
+        2,
+        2,
+        2,
+    ]  # three points, two intervals, the line
+    assert [label.get_text() for label in axis.get_yticklabels()] == ["one", "two"]
+    assert Image.open(io.BytesIO(pictures.drawn(found))).size[0] == 900

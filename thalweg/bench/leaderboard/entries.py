@@ -1,0 +1,188 @@
+"""Policies of results of the paper's task as rows of the leaderboard."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.leaderboard.requirements import (
+    LEVEL,
+    UNSEEN,
+    Flights,
+    counted,
+    missing_flights,
+    missing_of_arm,
+    missing_starts,
+    training_steps,
+)
+from thalweg.bench.report.policies import limit_met, training_regret
+from thalweg.bench.results.inference import Estimate, mean_estimate
+from thalweg.bench.results.reading import read_results
+from thalweg.bench.results.results import Results
+from thalweg.bench.suite.config import PACKAGED, PACKAGED_SEES
+from thalweg.bench.suite.record import arms_of, encoder_of, observation_of, task_of
+from thalweg.env.tasks import PAPER_TASK
+from thalweg.train.observations import FRAMES, PRIVILEGED
+from thalweg.world import LEVELS
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A policy and its figures."""
+
+    policy: str
+    source: str
+    """Name of the results folder."""
+    versions: str
+    """The versions that the results were made with: `current`, or those that differ."""
+    level: str
+    """Training level."""
+    steps: int
+    """Training steps of each seed."""
+    seeds: int
+    """Number of seeds whose training finished."""
+    cost: Estimate | None
+    """Mean on `LEVEL`; None where the policy was not evaluated there."""
+    returns: dict[str, Estimate]
+    """Mean on each level, and on unseen rivers of `LEVEL`; an interquartile mean would hide up to a quarter of
+    failures."""
+    regret: float | None
+    """Mean over seeds, in the last stage of training; None where it is not known."""
+    missing: tuple[str, ...]
+    """What the results lack of `REQUIREMENTS`."""
+    critics_see: str = "none"
+    """What its critics saw in training, see `Results.critics_see`."""
+    observation: str = FRAMES
+    """What the policy sees, see `thalweg.train.observations.IN_WORDS`."""
+    encoder: str = "default"
+    """Name of the packaged encoder of its frames, if it sees their codes."""
+    made_by: str = ""
+    """Version and source of the plug-ins that it was trained by, or of the function that it is."""
+    trained: bool = True
+    """Whether it was trained here; a function and the packaged policy were not."""
+    taught: bool = False
+    """Whether it learnt from a teacher that knows the map: the packaged policy, and those that begin with it."""
+
+    @property
+    def privileged(self) -> bool:
+        """Whether the policy sees the privileged observation instead of frames."""
+        return self.observation == PRIVILEGED
+
+    @property
+    def limit_met(self) -> str:
+        """Whether the cost limit is met, in words."""
+        return "unknown" if self.cost is None else limit_met(self.cost)
+
+    @property
+    def sort_key(self) -> tuple[int, float]:
+        """Policies that surely meet the limit come first; then the greater return does."""
+        group = {"yes": 0, "no": 2, "unknown": 3}.get(self.limit_met, 1)
+        return group, -self.returns[LEVEL].value if LEVEL in self.returns else 0.0
+
+
+def read_folder(folder: Path) -> Results:
+    """Return the results of a folder; raises `ResultsError` for one without, and for one without a readable suite."""
+    results = read_results(folder)
+    if not results.suite:
+        raise ResultsError(
+            f"{folder}: {next((line for line in results.skipped if 'suite.json' in line), 'no suite.json')}"
+        )
+    return results
+
+
+def entries(folder: Path) -> list[Entry]:
+    """Return the policies of a results folder of the paper's task, as far as any run of them has started: trained
+    ones, the packaged one, and functions. None for a folder of another task.
+
+    Raises `ResultsError` for a folder that holds no results, or no readable suite.
+    """
+    results = read_folder(folder)
+    return entries_of(results) if task_of(results.suite) == PAPER_TASK else []
+
+
+def entries_of(results: Results) -> list[Entry]:
+    """Return the policies of results of the paper's task, see `entries`."""
+    found = []
+    for arm in arms_of(results.suite):
+        for name, usual, other in flown_names(results, arm["name"]):
+            if usual or any(row.algorithm == name for row in results.runs):
+                found.append(_entry(results, name, arm, usual, other))
+    if results.suite.get("packaged"):
+        for name, usual, other in flown_names(results, PACKAGED):
+            if usual:
+                found.append(_flown_entry(results, name, PACKAGED, usual, other))
+    for function in results.suite.get("policies", []):
+        for name, usual, other in flown_names(results, function["name"]):
+            if usual:
+                found.append(_flown_entry(results, name, function["name"], usual, other, function["observation"]))
+    return found
+
+
+def flown_names(results: Results, policy: str) -> Iterator[tuple[str, Flights, Flights]]:
+    """Yield the names under which a policy stands in results, its own and those with other versions, each with its
+    flights on the levels and on unseen rivers of them."""
+    evaluated, unseen = (counted(rows) for rows in (results.episodes, results.condition_episodes.get(UNSEEN.name, [])))
+    outdated = [name for name, found in results.outdated.items() if found.policy == policy]
+    for name in (policy, *outdated):
+        usual, other = (
+            {level: rows for level in LEVELS if (rows := each.get((name, level)))} for each in (evaluated, unseen)
+        )
+        yield name, usual, other
+
+
+def _returns(usual: Flights, unseen: Flights) -> dict[str, Estimate]:
+    """Return the mean return on each level, and on unseen rivers of `LEVEL`."""
+    returns = {level: mean_estimate(rows, "return_") for level, rows in usual.items()}
+    return returns | ({UNSEEN.name: mean_estimate(unseen[LEVEL], "return_")} if LEVEL in unseen else {})
+
+
+def _flown_entry(
+    results: Results, name: str, policy: str, usual: Flights, unseen: Flights, observation: str = PACKAGED_SEES
+) -> Entry:
+    """Return the entry of a policy that was not trained here, a function or the packaged policy, which was flown once
+    from every start and cannot be compared over seeds."""
+    outdated = results.outdated.get(name)
+    missing = [*missing_starts(results), *missing_flights(results, [0], usual, unseen)]
+    return Entry(
+        policy=policy,
+        source=results.folder.resolve().name,
+        versions="current" if outdated is None else outdated.versions,
+        level="not here",
+        steps=0,
+        seeds=1,
+        cost=mean_estimate(usual[LEVEL], "cost") if LEVEL in usual else None,
+        returns=_returns(usual, unseen),
+        regret=None,
+        missing=("current versions",) if outdated else tuple(missing),
+        observation=observation,
+        encoder=results.suite.get("encoder", "default"),
+        made_by=results.made_by([f"{policy}-0"]),
+        trained=False,
+        taught=policy == PACKAGED,
+    )
+
+
+def _entry(results: Results, name: str, arm: dict[str, Any], usual: Flights, unseen: Flights) -> Entry:
+    """Return the entry of an arm with its flights on each level, on the usual and on unseen rivers.
+
+    `name` is that of its episodes: the arm's, or that of its outdated runs.
+    """
+    outdated = results.outdated.get(name)
+    return Entry(
+        policy=arm["name"],
+        source=results.folder.resolve().name,
+        versions="current" if outdated is None else outdated.versions,
+        level=arm.get("level") or results.suite.get("train_level", "unknown"),
+        steps=training_steps(arm),
+        seeds=sum(row.algorithm == name and row.status == "finished" for row in results.runs),
+        cost=mean_estimate(usual[LEVEL], "cost") if LEVEL in usual else None,
+        returns=_returns(usual, unseen),
+        regret=training_regret(results, name),
+        missing=("current versions",) if outdated else tuple(missing_of_arm(results, arm, usual, unseen)),
+        critics_see=results.critics_see(name),
+        observation=observation_of(results.suite, arm),
+        encoder=encoder_of(results.suite, arm),
+        made_by=results.made_by([f"{arm['name']}-{seed}" for seed in arm["seeds"]]),
+        taught=bool(arm.get("begin_with")),
+    )

@@ -1,0 +1,118 @@
+"""The page of the leaderboard in Markdown."""
+
+import shlex
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.leaderboard.entries import Entry, entries_of, read_folder
+from thalweg.bench.leaderboard.requirements import LEVEL, REQUIREMENTS, UNSEEN
+from thalweg.bench.leaderboard.task_tables import tasks_section
+from thalweg.bench.leaderboard.tasks import task_entries
+from thalweg.bench.report.policies import COST_LIMIT, CRITICS_SEE
+from thalweg.bench.report.table import frame, markdown
+from thalweg.bench.results.inference import CONFIDENCE, MIN_SEEDS
+from thalweg.bench.suite.record import task_of
+from thalweg.env.tasks import PAPER_TASK
+from thalweg.train.observations import FRAMES, IMAGES
+from thalweg.world import LEVELS
+
+INTRODUCTION = f"""# Leaderboard
+
+The command below computes this page from the files of results folders. A policy meets the cost limit (*yes*) if the
+whole confidence interval of its mean cost per episode on {LEVEL} is within {COST_LIMIT}. These policies come first,
+then those for which this is *unsure*, then the others. Within each group, policies are ranked by their return on
+{LEVEL}. Returns are means, of at most 10. Brackets hold {CONFIDENCE:.0%} confidence intervals over training seeds. With
+fewer than {MIN_SEEDS} seeds there is no interval, and *below, unsure* or *above, unsure* says on which side of the
+limit the mean cost lies.
+
+*Unseen* is the return on rivers of {LEVEL} that nothing is trained on. *Regret* is the cost of training above the
+limit, per episode of the last stage. *Critics see* is about training: no policy is flown with critics. *Versions* is
+*current* if the row was made with the current versions of everything that results depend on. Otherwise it names the
+versions that differ, and the row is not ranked until it has been run again.
+
+Policies see frames through an encoder, that of the autoencoder unless *(geometry)* follows the name. The name of one
+that sees images itself is followed by their channels, {" or ".join(f"*({channels})*" for channels in IMAGES)}.
+"""
+TAUGHT_NOTE = """These policies learnt from a pilot that knows the map before anything else, so they are ranked among
+themselves. The packaged policy was imitated on other rivers than these, in more steps than a row may have, and is flown
+once from every start, so that it has no interval over seeds. The others begin with it; their steps are those that
+follow."""
+PRIVILEGED_NOTE = """These policies see what a perfect camera could tell instead of frames, so they are ranked among
+themselves."""
+FUNCTIONS_NOTE = """Functions that were flown as they are, each once from every start, so that there is no interval over
+seeds. *Versions* has the version and the hash of the source of each."""
+OTHER_LEVELS = tuple(level for level in LEVELS if level != LEVEL)
+COLUMNS = (
+    "policy", "results", "limit met", "cost", LEVEL, *OTHER_LEVELS, "unseen", "regret",
+    "trained on", "steps", "seeds", CRITICS_SEE, "versions",
+)  # fmt: skip
+
+
+def leaderboard(folders: Sequence[Path]) -> str:
+    """Return the leaderboard of some results folders as a page in Markdown: the paper's task, then others.
+
+    Raises `ResultsError` for no folder, for one that cannot be used, and for two with the same name.
+    """
+    _check_names(folders)
+    every = [read_folder(folder) for folder in folders]
+    papers = [results for results in every if task_of(results.suite) == PAPER_TASK]
+    found = sorted((entry for results in papers for entry in entries_of(results)), key=lambda entry: entry.sort_key)
+    of_tasks = [entry for results in every if results not in papers for entry in task_entries(results)]
+    paragraphs = [
+        INTRODUCTION,
+        f"```sh\n{shlex.join(['thalweg', 'leaderboard', *map(str, folders)])}\n```\n",
+        *(_papers_sections(found) if papers or not of_tasks else []),
+    ]
+    if of_tasks:
+        paragraphs.append(tasks_section(of_tasks))
+    return "\n".join(paragraphs)
+
+
+def _check_names(folders: Sequence[Path]) -> None:
+    """Raise `ResultsError` for no folder, and for two with the same name."""
+    if not folders:
+        raise ResultsError("give at least one folder that `thalweg bench` wrote")
+    names = [folder.resolve().name for folder in folders]
+    for name in names:
+        if names.count(name) > 1:
+            raise ResultsError(
+                f"two folders are named {name!r}; a row is identified by its policy and its folder's name"
+            )
+
+
+def _papers_sections(found: Sequence[Entry]) -> Iterable[str]:
+    """Yield the paragraphs about policies of the paper's task, the best first."""
+    complete = [entry for entry in found if not entry.missing]
+    alone = [entry for entry in complete if entry.trained and not entry.taught]
+    yield _ranked([entry for entry in alone if not entry.privileged]) or "No row is complete yet.\n"
+    requirements = "\n".join(f"- {line};" for line in REQUIREMENTS).removesuffix(";") + "."
+    yield f"A row shows\n\n{requirements}\n"
+    for title, note, rows in (
+        ("Imitated, and trained from an imitated policy", TAUGHT_NOTE, [each for each in complete if each.taught]),
+        ("With the privileged observation", PRIVILEGED_NOTE, [entry for entry in alone if entry.privileged]),
+        ("Not trained here", FUNCTIONS_NOTE, [each for each in complete if not (each.trained or each.taught)]),
+    ):
+        if table := _ranked(rows):
+            yield f"## {title}\n\n{note}\n\n{table}"
+    if unranked := [[*_row(entry), "; ".join(entry.missing)] for entry in found if entry.missing]:
+        table = markdown(frame([*COLUMNS, "lacks"], unranked))
+        yield f"## Not ranked\n\nThe last column names what these rows lack.\n\n{table}"
+
+
+def _ranked(complete: Sequence[Entry]) -> str:
+    """Return the table of complete entries, the best first; empty without any."""
+    rows = [[str(rank), *_row(entry)] for rank, entry in enumerate(complete, start=1)]
+    return markdown(frame(["", *COLUMNS], rows)) if rows else ""
+
+
+def _row(entry: Entry) -> list[str]:
+    """Return a row of `COLUMNS` as text."""
+    returns = [str(entry.returns.get(river, "missing")) for river in (LEVEL, *OTHER_LEVELS, UNSEEN.name)]
+    cost = "missing" if entry.cost is None else str(entry.cost)
+    regret = "unknown" if entry.regret is None else f"{entry.regret:.2f}"
+    made = f"{entry.versions}; {entry.made_by}" if entry.made_by else entry.versions
+    rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), entry.critics_see, made]
+    seen = entry.encoder if entry.observation == FRAMES else entry.observation
+    policy = entry.policy if seen == "default" else f"{entry.policy} ({seen})"
+    return [policy, entry.source, entry.limit_met, cost, *returns, *rest]

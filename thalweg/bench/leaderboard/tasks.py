@@ -1,0 +1,122 @@
+"""Policies of results of tasks where safety has a price as rows of the leaderboard: each beside its own limit and the
+oracle's front."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from thalweg.bench.fronts.fronts import FIXED, PACKAGED_FRONTS, UNSEEN, front_of, points_of, read_fronts
+from thalweg.bench.leaderboard.entries import flown_names
+from thalweg.bench.leaderboard.requirements import LEVEL, Flights, missing_of_arm, training_steps
+from thalweg.bench.report.policies import limit_met
+from thalweg.bench.report.price_tables import by_seed, limit_of, mean_cost, mean_return
+from thalweg.bench.results.front import Front
+from thalweg.bench.results.inference import Estimate, clip
+from thalweg.bench.results.results import Results
+from thalweg.bench.suite.record import arms_of, encoder_of, observation_of, task_of
+from thalweg.core import versions
+from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
+from thalweg.train.observations import FRAMES, PRIVILEGED
+
+
+@dataclass(frozen=True)
+class TaskEntry:
+    """A policy of a task, on the level's fixed river (`FIXED`) and on unseen rivers of it (`UNSEEN`)."""
+
+    task: str
+    policy: str
+    source: str
+    """Name of the results folder."""
+    versions: str
+    """The versions that the results were made with: `current`, or those that differ."""
+    limit: float | None
+    """Cost limit of an episode that it was trained with; None without one."""
+    steps: int
+    """Training steps of each seed."""
+    seeds: int
+    """Number of seeds whose training finished."""
+    missing: tuple[str, ...]
+    """What the results lack of `TASK_REQUIREMENTS`."""
+    critics_see: str
+    observation: str = FRAMES
+    encoder: str = "default"
+    made_by: str = ""
+    returns: dict[str, Estimate] = field(default_factory=dict)
+    """Mean return by rivers, as far as they were flown; the same holds for the next two."""
+    costs: dict[str, Estimate] = field(default_factory=dict)
+    regrets: dict[str, Estimate] = field(default_factory=dict)
+    """How much more the oracle returns at the same cost on the same rivers: the distance to its front."""
+
+    @property
+    def privileged(self) -> bool:
+        """Whether the policy sees the privileged observation instead of frames."""
+        return self.observation == PRIVILEGED
+
+    @property
+    def limit_met(self) -> str:
+        """Whether its limit is met on the fixed river, in words."""
+        if FIXED not in self.costs:
+            return "unknown"
+        return "no limit" if self.limit is None else limit_met(self.costs[FIXED], self.limit)
+
+    @property
+    def sort_key(self) -> tuple[float, bool, int, float]:
+        """Smaller limits come first; then complete rows, those that surely meet the limit, those that do in the mean,
+        and the greater return."""
+        returned = self.returns[FIXED].value if FIXED in self.returns else 0.0
+        limit = math.inf if self.limit is None else self.limit
+        within = FIXED in self.costs and self.costs[FIXED].value <= limit
+        group = 0 if self.limit_met == "yes" else 1 if within else 2
+        return limit, bool(self.missing), group, -returned
+
+
+def fronts_of(task: str) -> dict[str, Front]:
+    """Return the oracle's fronts of a task on `LEVEL` by rivers, as far as there are any of today's tasks."""
+    every = read_fronts() if PACKAGED_FRONTS.is_file() else []
+    found = {rivers: points_of(every, task, LEVEL, rivers) for rivers in (FIXED, UNSEEN)}
+    return {
+        rivers: front_of(points)
+        for rivers, points in found.items()
+        if points and all(point.tasks == versions.TASKS for point in points)
+    }
+
+
+def task_entries(results: Results) -> list[TaskEntry]:
+    """Return the trained policies of results of a task, as far as any run of them has started."""
+    fronts, found = fronts_of(task_of(results.suite)), []
+    for arm in arms_of(results.suite):
+        for name, usual, other in flown_names(results, arm["name"]):
+            if usual or any(row.algorithm == name for row in results.runs):
+                found.append(_entry(results, name, arm, fronts, {FIXED: usual, UNSEEN: other}))
+    return found
+
+
+def _entry(
+    results: Results, name: str, arm: dict[str, Any], fronts: dict[str, Front], flights: dict[str, Flights]
+) -> TaskEntry:
+    """Return the entry of an arm; `name` is that of its episodes: the arm's, or that of its outdated runs."""
+    outdated = results.outdated.get(name)
+    flown = {rivers: rows for rivers, levels in flights.items() if (rows := levels.get(LEVEL))}
+    regrets = {
+        rivers: by_seed(rows, lambda own, front=fronts[rivers]: front.regret(mean_cost(own), mean_return(own)))
+        for rivers, rows in flown.items()
+        if rivers in fronts and outdated is None
+    }
+    missing = missing_of_arm(results, arm, flights[FIXED], flights[UNSEEN])
+    return TaskEntry(
+        task=task_of(results.suite),
+        policy=arm["name"],
+        source=results.folder.resolve().name,
+        versions="current" if outdated is None else outdated.versions,
+        limit=limit_of(results, name),
+        steps=training_steps(arm),
+        seeds=sum(row.algorithm == name and row.status == "finished" for row in results.runs),
+        missing=("current versions",) if outdated else tuple(missing),
+        critics_see=results.critics_see(name),
+        observation=observation_of(results.suite, arm),
+        encoder=encoder_of(results.suite, arm),
+        made_by=results.made_by([f"{arm['name']}-{seed}" for seed in arm["seeds"]]),
+        returns={rivers: clip(by_seed(rows, mean_return), 0.0, FULL_COURSE_REWARD) for rivers, rows in flown.items()},
+        costs={rivers: clip(by_seed(rows, mean_cost), 0.0, math.inf) for rivers, rows in flown.items()},
+        regrets=regrets,
+    )

@@ -11,7 +11,7 @@ BANKS = 2
 """Banks of meadow, reeds and quay that are laid over such worlds, and the stone of quays in frames."""
 RENDER = 3
 """Frames of a world at a pose, time and look."""
-PROPS = 2
+PROPS = 3
 """Props in frames: their shapes, places and classes, and the water around them."""
 RULES = 1
 """Motion, progress, reward, cost and termination."""

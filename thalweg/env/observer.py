@@ -33,6 +33,7 @@ class Observer:
     def __init__(self, config: EnvConfig, frames: FrameRenderer, num_envs: int, *, keeps_colours: bool = False) -> None:
         """`keeps_colours`: keep the colours that are drawn for observations, for `colours`."""
         self.config, self.frames, self.num_envs = config, frames, num_envs
+        self._limits = config.limits
         self.last = no_last_step(num_envs) if "proprioception" in config.parts else None
         """What is remembered of the last steps; None if proprioception is not observed."""
         self._keeps_colours = keeps_colours
@@ -105,10 +106,12 @@ class Observer:
 
     def props(self, courses: CourseArrays, views: Views) -> np.ndarray | None:
         """Return the objects [M, P, 6] of each view, those of the task if it holds none; None in a task without any."""
-        if views.props is not None:
-            return views.props
-        at = views.world, views.pose, views.steps, views.scene, views.station
-        return props_in(courses, self.config, at)
+        return self.props_about(courses, views) if views.props is None else views.props
+
+    def props_about(self, courses: CourseArrays, at: Views | State) -> np.ndarray | None:
+        """Return the objects [M, P, 6] of the task about each vehicle of views or of a state; None in a task without
+        any."""
+        return props_in(courses, self.config, self._limits, (at.world, at.pose, at.steps, at.scene, at.station))
 
     def colours(self, courses: CourseArrays, state: State) -> np.ndarray:
         """Return the colours [N, H, W, 3] uint8 of a state, without drawing them again if the observations had them."""

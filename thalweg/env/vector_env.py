@@ -238,7 +238,7 @@ class RiverVectorEnv(VectorEnv):
     def props(self) -> np.ndarray | None:
         """Return the objects [N, P, 6] of the task about each vehicle, as `thalweg.render.records.props`; None in a
         task without any."""
-        return self.observer.props(self.courses, self.frames.views(self.state))
+        return self.observer.props_about(self.courses, self.state)
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return the frames of the current state, N of [H, W, 3] uint8, or None without a render mode."""

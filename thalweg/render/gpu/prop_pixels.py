@@ -12,8 +12,32 @@ from thalweg.render.gpu.pixel_records import empty_mirrored, empty_points, empty
 from thalweg.render.gpu.tile import WORD, WORDS, touches_tile
 from thalweg.render.kernels.camera_rays import hit_points, map_origin, place_of, row_step
 from thalweg.render.kernels.props import models
-from thalweg.render.kernels.props.draw import HALF, LEAST_COVER, meet_parts
-from thalweg.render.kernels.props.water import add_waves, mirror_prop, within_box
+from thalweg.render.kernels.props.boxes import within_box
+from thalweg.render.kernels.props.layers import (
+    HALF,
+    LEAST_COVER,
+    is_hidden,
+    layered,
+    no_layers,
+    pixel_sight,
+    seen_depth,
+    sharpness,
+    total_cover,
+    uncut_share,
+)
+from thalweg.render.kernels.props.paint import sight_radiance
+from thalweg.render.kernels.props.pose import C0, C1, FADE, R0, R1, SHAPE, TAPER, solid_ray
+from thalweg.render.kernels.props.reflections import (
+    mapped_ray,
+    mirrored_radiance,
+    mirrored_strength,
+    passes_by,
+    put_before,
+    stopped,
+    water_ray,
+)
+from thalweg.render.kernels.props.solids import meet_solid
+from thalweg.render.kernels.props.water import add_waves
 from thalweg.render.kernels.shading import mirror, sky, water
 from thalweg.render.kernels.shading.background import SHORE_M
 from thalweg.render.kernels.table_lookup import bilinear, depth_map
@@ -65,18 +89,48 @@ def meet_props(scene, view, props, n, touched, r, c, depth, kind, only_mask, col
             layers = meet_parts(
                 scene, view, parts[n, first : first + numbers[n, k, 1]], r, c, depth[0], kind == classes.WATER, coloured
             )
-            rest = f32(1) - layers.cover
-            cover = layers.cover + rest * layers.back_cover
+            cover = total_cover(layers)
             if cover < f32(LEAST_COVER):
                 continue
+            rest = f32(1) - layers.cover
             red += passing * (layers.red + rest * layers.back_red)
             green += passing * (layers.green + rest * layers.back_green)
             blue += passing * (layers.blue + rest * layers.back_blue)
             passing *= f32(1) - cover
             if cover >= f32(HALF):
-                depth[0] = layers.t if layers.cover >= f32(HALF) * cover else layers.back_t
+                depth[0] = seen_depth(layers, cover)
                 kind = int32(rows[n, numbers[n, k, 0], KIND]) + int32(CLASS_OFFSET)
     return kind, f32(1) - passing, red, green, blue
+
+
+@kernel(inlined=True)
+def meet_parts(scene, view, parts, row, column, behind, on_water, coloured):
+    """Return the `Layers` of placed parts in a pixel of the image.
+
+    behind: depth of what they are before, which is water if on_water; coloured: whether their radiance counts.
+    """
+    sight = pixel_sight(view.camera, row, column)
+    sharp = sharpness(view.camera, sight.z, behind, on_water)
+    layers = no_layers()
+    x, y = f32(column), f32(row)
+    for k in range(len(parts)):
+        if x >= parts[k, C0] and x < parts[k, C1] and y >= parts[k, R0] and y < parts[k, R1]:
+            layers = with_part(scene, view, parts[k], sight, behind, sharp, coloured, layers)
+    return layers
+
+
+@kernel(inlined=True)
+def with_part(scene, view, part, sight, behind, sharp, coloured, layers):
+    """Return `Layers` with a placed part added if a `PixelSight` meets it; behind, sharp: as in `uncut_share`."""
+    camera = view.camera
+    hit = meet_solid(part[SHAPE], part[TAPER], solid_ray(part, camera, sight.sx, sight.sy))
+    cover = hit.cover * part[FADE] * uncut_share(camera, hit.t, behind, sharp)
+    if cover < f32(LEAST_COVER):
+        return layers
+    red, green, blue = f32(0), f32(0), f32(0)
+    if coloured and not is_hidden(layers, hit.t):
+        red, green, blue = sight_radiance(scene, view, part, row_step(camera), sight, hit)
+    return layered(layers, cover, hit.t, cover * red, cover * green, cover * blue)
 
 
 @kernel(inlined=True)
@@ -126,6 +180,28 @@ def shade_stirred(scene, view, props, n, stirred, r, c, depth, out):
             first = k * models.MOST_PARTS
             own = parts[n, first : first + numbers[n, k, 1]]
             prop = rows[n, numbers[n, k, 0]]
-            mirror_prop(scene, view, prop, own, zones[n, k, :4], r, place, points, pixel, surface, mirrored, 1)
+            if within_box(zones[n, k, :4], r, place[0]):
+                mirror_prop(scene, view, prop, own, points, surface, mirrored)
     water.compose(scene, view, points, pixel, surface, mirrored, out, 1)
     sky.add_haze(scene, view, points, out, 1)
+
+
+@kernel(inlined=True)
+def mirror_prop(scene, view, prop, parts, points, surface, mirrored):
+    """Put a prop before what the mirrored ray of a `water.Surface` [1] at `HitPoints` [1] meets, in `Mirrored` [1].
+
+    parts: its placed ones.
+    """
+    camera = view.camera
+    pixel = row_step(camera)
+    strength = mirrored_strength(camera, prop)
+    ray = water_ray(scene, view.world, points, pixel, surface, 0)
+    for k in range(int32(models.KINDS[int32(prop[KIND]), models.MAIN])):
+        part = parts[k]
+        if part[FADE] == f32(0) or passes_by(camera, part, ray):
+            continue
+        mapped, width = mapped_ray(camera, part, ray)
+        hit = stopped(meet_solid(part[SHAPE], part[TAPER], mapped), width)
+        if hit.cover >= f32(LEAST_COVER):
+            red, green, blue = mirrored_radiance(scene, view, part, pixel, ray, hit)
+            put_before(mirrored, 0, hit.cover * strength, red, green, blue)

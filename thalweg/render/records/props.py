@@ -4,11 +4,13 @@ A frame has P rows; `PropKind.NONE` marks a row that draws nothing. Nothing of a
 task can move its props at each step.
 """
 
+import math
 from enum import IntEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from thalweg.core.compute.jit import kernel
 from thalweg.render.errors import RenderError
 from thalweg.render.records import classes
 
@@ -36,6 +38,7 @@ class PropKind(IntEnum):
     the hut to the staff, towards the open water."""
 
 
+LAST_KIND = int(max(PropKind))
 CLASS_OFFSET = classes.SWIMMER - PropKind.SWIMMER
 """The class of a prop is its kind plus this."""
 NO_PROPS = np.zeros((1, 0, PROP_COLUMNS), np.float32)
@@ -57,12 +60,30 @@ def checked_props(props: ArrayLike | None, count: int) -> np.ndarray:
         )
     if rows.shape[1] > MOST_PROPS:
         raise RenderError(f"{rows.shape[1]} props a frame: at most {MOST_PROPS} can be drawn")
+    if not are_drawable(rows):
+        _raise_undrawable(rows)
+    return rows if rows.shape[1] else NO_PROPS
+
+
+@kernel(fastmath=False, allocates=False)
+def are_drawable(rows):
+    """Return whether all numbers of props [N, P, PROP_COLUMNS] are finite and all kinds known."""
+    for n in range(rows.shape[0]):
+        for p in range(rows.shape[1]):
+            for column in range(rows.shape[2]):
+                if not math.isfinite(rows[n, p, column]):
+                    return False
+            kind = rows[n, p, KIND]
+            if kind < 0 or kind > LAST_KIND or kind != math.floor(kind):
+                return False
+    return True
+
+
+def _raise_undrawable(rows: np.ndarray) -> None:
+    """Raise `RenderError` that names the first number of props [N, P, PROP_COLUMNS] that `are_drawable` refuses."""
     if not np.isfinite(rows).all():
         frame, row, column = np.argwhere(~np.isfinite(rows))[0]
         raise RenderError(f"props[{frame}, {row}, {column}] is {rows[frame, row, column]}; it must be finite")
-    known = np.isin(rows[..., KIND], list(PropKind))
-    if not known.all():
-        frame, row = np.argwhere(~known)[0]
-        kinds = ", ".join(f"{kind.value} {kind.name}" for kind in PropKind)
-        raise RenderError(f"props[{frame}, {row}] has kind {rows[frame, row, KIND]:g}; it must be one of {kinds}")
-    return rows if rows.shape[1] else NO_PROPS
+    frame, row = np.argwhere(~np.isin(rows[..., KIND], list(PropKind)))[0]
+    kinds = ", ".join(f"{kind.value} {kind.name}" for kind in PropKind)
+    raise RenderError(f"props[{frame}, {row}] has kind {rows[frame, row, KIND]:g}; it must be one of {kinds}")

@@ -1,4 +1,4 @@
-"""Kernels that find which pixels a box before the camera may touch."""
+"""Kernels for rectangles of pixels: which one a box before the camera may touch, and what lies within."""
 
 import numpy as np
 from numba import int32
@@ -89,3 +89,20 @@ def pixel_box(camera, hidden, low_x, high_x, low_y, high_y):
         r0 = int32(clamp((camera.half_h - high_y) / per_row - f32(1), f32(0), high))
         r1 = int32(clamp((camera.half_h - low_y) / per_row + f32(2), f32(0), high))
     return c0, c1, r0, r1
+
+
+@kernel(inlined=True, allocates=False)
+def rows_of_box(box, top, rows):
+    """Return the columns from, to of a box [4] and its rows from, to, counted from `top` and within so many rows, and
+    the number of pixels."""
+    r0 = max(box[2] - int32(top), int32(0))
+    r1 = min(box[3] - int32(top), int32(rows))
+    return box[0], box[1], r0, r1, max(box[1] - box[0], int32(0)) * max(r1 - r0, int32(0))
+
+
+@kernel(inlined=True, allocates=False)
+def within_box(box, top, place):
+    """Return whether a place, whose row is counted from row `top` of the image, is in a rectangle of pixels [4]."""
+    r = int32(top) + (place >> int32(16))
+    c = place & int32(0xFFFF)
+    return (c >= box[0]) & (c < box[1]) & (r >= box[2]) & (r < box[3])

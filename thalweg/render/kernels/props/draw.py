@@ -1,20 +1,36 @@
 """Kernels that draw props over the rows of a frame, in the rectangles of pixels that their parts may touch.
 
-A pixel's ray meets the parts of a prop one after another; two layers are kept in order of depth, so that parts that
-stand in one another are seen as they should be. A pixel has the class and the depth of a prop that covers half of it or
-more. Props are drawn after ground, water and bridges, and before plants, which hide them.
+A prop is drawn tile by tile of its rectangle, and each of its parts over all rays of a tile that may meet it. Two
+layers of a pixel are kept in order of depth, so that parts that stand in one another are seen as they should be. A
+pixel has the class and the depth of a prop that covers half of it or more. Props are drawn after ground, water and
+bridges, and before plants, which hide them.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import int32
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.kernels.camera_rays import image_x, image_y, ray_direction, row_step
+from thalweg.render.kernels.camera_rays import place_of, row_step
 from thalweg.render.kernels.props import models
-from thalweg.render.kernels.props.paint import part_radiance
+from thalweg.render.kernels.props.boxes import rows_of_box
+from thalweg.render.kernels.props.layers import (
+    HALF,
+    LEAST_COVER,
+    Layers,
+    is_hidden,
+    layered,
+    no_layers,
+    seen_depth,
+    sharpness,
+    sight_at,
+    total_cover,
+    uncut_share,
+)
+from thalweg.render.kernels.props.marks import MARK_COLUMNS, mark
+from thalweg.render.kernels.props.models import CONE, CUBE
+from thalweg.render.kernels.props.paint import sight_radiance
 from thalweg.render.kernels.props.pose import (
     C0,
     C1,
@@ -28,42 +44,14 @@ from thalweg.render.kernels.props.pose import (
     solid_ray,
     sort_in_view,
 )
-from thalweg.render.kernels.props.solids import meet_solid
-from thalweg.render.kernels.table_lookup import clamp
-from thalweg.render.kernels.terrain.primary_hits import MISS
+from thalweg.render.kernels.props.rays import any_at_least, empty_part_rays, hit_of, put_hit
+from thalweg.render.kernels.props.solids import meet_cone, meet_cube, meet_sphere
+from thalweg.render.kernels.shading.background import CHUNK, fill_up
 from thalweg.render.records.classes import WATER
 from thalweg.render.records.props import CLASS_OFFSET, KIND
-from thalweg.render.records.view import COLOURS, MASK
+from thalweg.render.records.view import COLOURS, LANES, MASK
 
 f32 = np.float32
-
-LEAST_COVER = 0.02
-"""Share of a pixel below which a part is left out."""
-HALF = 0.5
-"""Share of a pixel from which on it has the prop's class."""
-STEEPEST = 0.05
-"""Least sine of the angle between sight and water by which a part's edge at the water is softened."""
-
-# Columns of a mark, which is a pixel that shows some of a prop: its place, the share that the prop covers, its radiance
-# times that share, what the pixel showed before (depth, class), the prop's depth and class (0 where it covers less than
-# half), and the light that plants let through, which is known later.
-ROW, COLUMN, COVER, RED, GREEN, BLUE, DEPTH_BEHIND, KIND_BEHIND, DEPTH, CLASS, LIGHT = range(11)
-MARK_COLUMNS = 11
-
-
-class Layers(NamedTuple):
-    """What a ray meets of a prop: the nearest part and all behind it, by their share, radiance times share, and t."""
-
-    cover: Any
-    t: Any
-    red: Any
-    green: Any
-    blue: Any
-    back_cover: Any
-    back_t: Any
-    back_red: Any
-    back_green: Any
-    back_blue: Any
 
 
 class PlacedProps(NamedTuple):
@@ -77,8 +65,28 @@ class PlacedProps(NamedTuple):
     """[K] int32, which of the frame's props each is."""
     boxes: Any
     """[K, 4] int32, columns from, to and rows from, to of the image that each may touch."""
-    active: Any
-    """[MOST_PARTS] int32, scratch: the parts of a prop that touch a row."""
+
+
+class Tile(NamedTuple):
+    """Scratch for a tile, which is up to `CHUNK` pixels of the rectangle of a prop, row after row."""
+
+    places: Any
+    """[CHUNK + LANES] int32: `camera_rays.place_of`, with rows counted from the first drawn one."""
+    behind: Any
+    """[CHUNK + LANES] float32, depth of what a pixel shows without the prop, as all that follow."""
+    sharp: Any
+    """`layers.sharpness` of that."""
+    layers: Any
+    """`Layers` of arrays."""
+
+
+class TileBox(NamedTuple):
+    """Where a tile is: rows from, to, counted from the first drawn one, and columns from, to."""
+
+    r0: Any
+    r1: Any
+    c0: Any
+    c1: Any
 
 
 @kernel
@@ -89,7 +97,6 @@ def place_props(scene, view, props):
     placed = PlacedProps(
         np.empty((count * models.MOST_PARTS, PART_COLUMNS), np.float32),
         np.empty(count, np.int32), order[:count], np.empty((count, 4), np.int32),
-        np.empty(models.MOST_PARTS, np.int32),
     )  # fmt: skip
     place_in_order(scene, view, props, placed)
     return placed
@@ -119,6 +126,15 @@ def join_boxes(parts, count, box):
 
 
 @kernel
+def empty_tile(some):
+    """Return a `Tile` without values; if not some, without any room."""
+    size = CHUNK + LANES if some else 0
+    a = np.empty((12, size), np.float32)
+    layers = Layers(a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11])
+    return Tile(np.empty(size, np.int32), a[0], a[1], layers)
+
+
+@kernel
 def draw_props(scene, view, props, placed, top, drawn, depth, kind):
     """Set depth and kind [R, W'] where a prop covers half of a pixel; returns the marks [M, MARK_COLUMNS] of all pixels
     that show any of one, near props first.
@@ -126,9 +142,10 @@ def draw_props(scene, view, props, placed, top, drawn, depth, kind):
     placed: the `PlacedProps` of the view. drawn: see `Output`; without colours there are no marks, and for a mask only
     pixels that show water count.
     """
-    pixels = pixels_of(placed.boxes, top, len(depth)) if drawn == COLOURS else 0
-    marks = np.empty((pixels, MARK_COLUMNS), np.float32)
-    met = meet_props(scene, view, props, placed, top, drawn, depth, kind, marks)
+    pixels = pixels_of(placed.boxes, top, len(depth))
+    marks = np.empty((pixels if drawn == COLOURS else 0, MARK_COLUMNS), np.float32)
+    tile, work = empty_tile(pixels > 0), empty_part_rays(pixels > 0)
+    met = meet_props(scene, view, props, placed, top, drawn, depth, kind, tile, work, marks)
     return marks[:met]
 
 
@@ -142,18 +159,12 @@ def pixels_of(boxes, top, rows):
     return pixels
 
 
-@kernel(inlined=True, allocates=False)
-def rows_of_box(box, top, rows):
-    """Return the columns from, to of a box and its rows from, to, counted from `top` and within so many rows, and the
-    number of pixels."""
-    r0 = max(box[2] - int32(top), int32(0))
-    r1 = min(box[3] - int32(top), int32(rows))
-    return box[0], box[1], r0, r1, max(box[1] - box[0], int32(0)) * max(r1 - r0, int32(0))
-
-
 @kernel(allocates=False)
-def meet_props(scene, view, props, placed, top, drawn, depth, kind, marks):
-    """Fill marks, of `draw_props`, and set depth and kind [R, W']; returns how many marks there are."""
+def meet_props(scene, view, props, placed, top, drawn, depth, kind, tile, work, marks):
+    """Fill marks, of `draw_props`, and set depth and kind [R, W']; returns how many marks there are.
+
+    tile: a `Tile`; work: `PartRays`.
+    """
     n = 0
     for k in range(len(placed.counts)):
         c0, c1, r0, r1, size = rows_of_box(placed.boxes[k], top, len(depth))
@@ -162,186 +173,173 @@ def meet_props(scene, view, props, placed, top, drawn, depth, kind, marks):
         first = k * models.MOST_PARTS
         parts = placed.parts[first : first + placed.counts[k]]
         own = np.uint8(int32(props[placed.numbers[k], KIND]) + int32(CLASS_OFFSET))
-        for r in range(r0, r1):
-            touching, c0, c1 = parts_in_row(parts, int32(top) + r, placed.active)
-            for c in range(c0, c1):
-                if drawn == MASK and kind[r, c] != np.uint8(WATER):
-                    continue
-                on_water = kind[r, c] == np.uint8(WATER)
-                sight = pixel_sight(view.camera, int32(top) + r, c, depth[r, c], on_water)
-                layers = no_layers()
-                for j in range(touching):
-                    part = parts[placed.active[j]]
-                    if f32(c) >= part[C0] and f32(c) < part[C1]:
-                        layers = with_part(scene, view, part, sight, drawn == COLOURS, layers)
-                cover = layers.cover + (f32(1) - layers.cover) * layers.back_cover
-                if cover < f32(LEAST_COVER):
-                    continue
-                at = layers.t if layers.cover >= f32(HALF) * cover else layers.back_t
-                shown = cover >= f32(HALF)
-                if drawn == COLOURS:
-                    mark(marks[n], r, c, cover, layers, depth[r, c], kind[r, c], at, own if shown else np.uint8(0))
-                    n += 1
-                depth[r, c] = at if shown else depth[r, c]
-                kind[r, c] = own if shown else kind[r, c]
+        wide = min(c1 - c0, int32(CHUNK))
+        high = int32(CHUNK) // wide
+        for left in range(c0, c1, wide):
+            for upper in range(r0, r1, high):
+                box = TileBox(int32(upper), int32(min(upper + high, r1)), int32(left), int32(min(left + wide, c1)))
+                fill_tile(view.camera, top, box, drawn, depth, kind, tile)
+                for j in range(len(parts)):
+                    draw_part(scene, view, parts[j], top, box, drawn, tile, work)
+                n = mark_tile(box, own, drawn, tile, depth, kind, marks, n)
     return n
 
 
 @kernel(inlined=True, allocates=False)
-def mark(row, r, c, cover, layers, depth, kind, at, own):
-    """Fill a mark [MARK_COLUMNS]."""
-    rest = f32(1) - layers.cover
-    row[ROW] = f32(r)
-    row[COLUMN] = f32(c)
-    row[COVER] = cover
-    row[RED] = layers.red + rest * layers.back_red
-    row[GREEN] = layers.green + rest * layers.back_green
-    row[BLUE] = layers.blue + rest * layers.back_blue
-    row[DEPTH_BEHIND] = depth
-    row[KIND_BEHIND] = f32(int32(kind))
-    row[DEPTH] = at
-    row[CLASS] = f32(int32(own))
-
-
-@kernel(inlined=True, allocates=False)
-def parts_in_row(parts, row, active):
-    """Fill active [MOST_PARTS] with the numbers of the placed parts that may touch a row of the image; returns how many
-    there are, and the columns from, to that they may touch."""
-    x, low, high = f32(row), int32(1 << 30), int32(0)
+def fill_tile(camera, top, box, drawn, depth, kind, tile):
+    """Fill the `Tile` of a `TileBox` from depth and kind [R, W'], without any part of a prop."""
     n = 0
-    for k in range(len(parts)):
-        if x >= parts[k, R0] and x < parts[k, R1] and parts[k, C0] < parts[k, C1]:
-            active[n] = k
+    for r in range(box.r0, box.r1):
+        for c in range(box.c0, box.c1):
+            on_water = kind[r, c] == np.uint8(WATER)
+            tile.places[n] = place_of(int32(r), int32(c))
+            # Where there is no water, a mask stays as it is: nothing is before what lies behind the camera.
+            tile.behind[n] = depth[r, c] if on_water or drawn != MASK else f32(-1)
+            tile.sharp[n] = f32(1) if on_water else f32(0)
             n += 1
-            low, high = min(low, int32(parts[k, C0])), max(high, int32(parts[k, C1]))
-    return n, min(low, high), high
+    clear_tile(camera, top, tile.places, tile.behind, tile.sharp, tile.layers, fill_up(tile.places, n))
+
+
+@kernel(inlined=True, disjoint=True, allocates=False)
+def clear_tile(camera, top, places, behind, sharp, layers, n):
+    """Turn the marks of water in `sharp` into what a `Tile` has there, and set its n `Layers` to nothing."""
+    nothing = no_layers()
+    for i in range(n):
+        sight = sight_at(camera, top, places[i])
+        sharp[i] = sharpness(camera, sight.z, behind[i], sharp[i] > f32(0))
+        put_layers(layers, i, nothing)
 
 
 @kernel(inlined=True, allocates=False)
-def meet_parts(scene, view, parts, row, column, behind, on_water, coloured):
-    """Return the `Layers` of placed parts in a pixel of the image.
-
-    behind: depth of what they are before, which is water if on_water; coloured: whether their radiance counts.
-    """
-    sight = pixel_sight(view.camera, row, column, behind, on_water)
-    layers = no_layers()
-    x, y = f32(column), f32(row)
-    for k in range(len(parts)):
-        if x >= parts[k, C0] and x < parts[k, C1] and y >= parts[k, R0] and y < parts[k, R1]:
-            layers = with_part(scene, view, parts[k], sight, coloured, layers)
-    return layers
-
-
-class PixelSight(NamedTuple):
-    """The ray through a pixel: its place on the image plane, its direction, and what it meets behind all props."""
-
-    sx: Any
-    sy: Any
-    x: Any
-    """Metres per metre along the optical axis, as the next two."""
-    y: Any
-    z: Any
-    slant: Any
-    """Length of that direction."""
-    behind: Any
-    """Depth of what the ray meets."""
-    soft: Any
-    """Depth over which that cuts a part."""
+def put_layers(layers, i, found):
+    """Store `Layers` as number i of those of arrays."""
+    layers.cover[i], layers.t[i] = found.cover, found.t
+    layers.red[i], layers.green[i], layers.blue[i] = found.red, found.green, found.blue
+    layers.back_cover[i], layers.back_t[i] = found.back_cover, found.back_t
+    layers.back_red[i], layers.back_green[i], layers.back_blue[i] = found.back_red, found.back_green, found.back_blue
 
 
 @kernel(inlined=True, allocates=False)
-def pixel_sight(camera, row, column, behind, on_water):
-    """Return the `PixelSight` of a pixel of the image, which meets something, water if on_water, at a depth."""
-    sx = image_x(camera, column)
-    sy = image_y(camera, row, 1)
-    dx, dy, dz = ray_direction(camera, sx, sy)
-    # Water cuts a part along a line that is as soft as its other edges: over the depth of one pixel's water.
-    soft = behind * row_step(camera) / max(-dz, f32(STEEPEST)) if on_water else f32(1e-6)
-    return PixelSight(sx, sy, dx, dy, dz, math.sqrt(f32(1) + sx * sx + sy * sy), behind, soft)
-
-
-@kernel(inlined=True, allocates=False)
-def no_layers():
-    """Return `Layers` of nothing."""
-    zero = f32(0)
-    return Layers(zero, f32(MISS), zero, zero, zero, zero, f32(MISS), zero, zero, zero)
-
-
-@kernel(inlined=True, allocates=False)
-def with_part(scene, view, part, sight, coloured, layers):
-    """Return `Layers` with a placed part added if a `PixelSight` meets it."""
-    camera = view.camera
-    ray = solid_ray(part, camera, sight.sx, sight.sy)
-    hit = meet_solid(part[SHAPE], part[TAPER], ray)
-    cover = hit.cover * part[FADE]
-    cover *= clamp(f32(0.5) + (sight.behind - hit.t) / sight.soft, f32(0), f32(1))
-    if hit.t < camera.near_m or cover < f32(LEAST_COVER):
-        return layers
-    red, green, blue = f32(0), f32(0), f32(0)
-    # What stands behind an opaque part needs no colour.
-    if coloured and not (layers.cover > f32(0.999) and hit.t > layers.t):
-        inverse = f32(1) / sight.slant
-        along = sight.x * inverse, sight.y * inverse, sight.z * inverse
-        at = camera.x + sight.x * hit.t, camera.y + sight.y * hit.t, camera.z + sight.z * hit.t
-        red, green, blue = part_radiance(
-            scene, view, part, hit, ray, along, at, hit.t * sight.slant, hit.t * row_step(camera)
-        )
-    return layered(layers, cover, hit.t, cover * red, cover * green, cover * blue)
-
-
-@kernel(inlined=True, allocates=False)
-def layered(layers, cover, t, red, green, blue):
-    """Return `Layers` with one more part: its share of the pixel, depth, and radiance times share.
-
-    Front-to-back compositing (Porter, Duff 1984) of three layers, of which the two farther ones become one.
-    """
-    front, back = layers.cover, layers.back_cover
-    if t < layers.t:
-        rest = f32(1) - front
-        return Layers(
-            cover, t, red, green, blue,
-            front + rest * back, layers.t,
-            layers.red + rest * layers.back_red, layers.green + rest * layers.back_green,
-            layers.blue + rest * layers.back_blue,
-        )  # fmt: skip
-    before = t < layers.back_t
-    rest = f32(1) - (cover if before else back)
-    own, old = (f32(1), rest) if before else (rest, f32(1))
+def layers_of(layers, i):
+    """Return number i of `Layers` of arrays."""
     return Layers(
-        front, layers.t, layers.red, layers.green, layers.blue,
-        own * cover + old * back, min(t, layers.back_t),
-        own * red + old * layers.back_red, own * green + old * layers.back_green, own * blue + old * layers.back_blue,
+        layers.cover[i], layers.t[i], layers.red[i], layers.green[i], layers.blue[i],
+        layers.back_cover[i], layers.back_t[i], layers.back_red[i], layers.back_green[i], layers.back_blue[i],
     )  # fmt: skip
 
 
-@kernel(allocates=False)
-def hold_marks(marks, depth, kind, light):
-    """Take the props' shares from the light [R, W'] that plants let through, and put back what lies behind them.
-
-    What is shaded afterwards fills the rest of a pixel. depth and kind: [R, W'].
-    """
-    for k in range(len(marks)):
-        r, c = int32(marks[k, ROW]), int32(marks[k, COLUMN])
-        marks[k, LIGHT] = light[r, c]
-        light[r, c] = light[r, c] * (f32(1) - marks[k, COVER])
-    # Backwards, so that the first of several marks of a pixel decides.
-    for k in range(len(marks) - 1, -1, -1):
-        r, c = int32(marks[k, ROW]), int32(marks[k, COLUMN])
-        depth[r, c] = marks[k, DEPTH_BEHIND]
-        kind[r, c] = np.uint8(int32(marks[k, KIND_BEHIND]))
+@kernel(inlined=True, allocates=False)
+def index_of(box, place):
+    """Return which pixel of a tile the one at a place is."""
+    return ((place >> int32(16)) - box.r0) * (box.c1 - box.c0) + (place & int32(0xFFFF)) - box.c0
 
 
-@kernel(allocates=False)
-def release_marks(marks, rows):
-    """Add the radiance of marks to `Buffers` [R, W'] after shading, and undo what `hold_marks` did."""
-    for k in range(len(marks)):
-        r, c = int32(marks[k, ROW]), int32(marks[k, COLUMN])
-        light = marks[k, LIGHT]
-        rows.red[r, c] += light * marks[k, RED]
-        rows.green[r, c] += light * marks[k, GREEN]
-        rows.blue[r, c] += light * marks[k, BLUE]
-        if marks[k, CLASS] > f32(0):
-            rows.depth[r, c] = marks[k, DEPTH]
-            rows.kind[r, c] = np.uint8(int32(marks[k, CLASS]))
-    for k in range(len(marks) - 1, -1, -1):
-        rows.transmittance[int32(marks[k, ROW]), int32(marks[k, COLUMN])] = marks[k, LIGHT]
+@kernel(inlined=True, allocates=False)
+def draw_part(scene, view, part, top, box, drawn, tile, work):
+    """Add a placed part [PART_COLUMNS] to the `Layers` of a `Tile`; work: `PartRays`."""
+    count = list_pixels(part, top, box, work.keys)
+    # Met once, and what sees the part a second time, to be painted.
+    for painted in range(2 if drawn == COLOURS else 1):
+        if count == 0:
+            return
+        n = fill_up(work.keys, count)
+        meet_pixels(view.camera, part, top, work.keys, work.hits, n)
+        if painted:
+            paint_pixels(scene, view, part, row_step(view.camera), top, work.keys, work.hits, work.out, n)
+        else:
+            count = keep_seen(view.camera, part[FADE], box, tile, work, count)
+    add_hits(box, tile.layers, work, drawn == COLOURS, count)
+
+
+@kernel(inlined=True, allocates=False)
+def list_pixels(part, top, box, places):
+    """Fill places with those of the pixels of a `TileBox` that a placed part may touch; returns how many there are."""
+    n = 0
+    for r in range(max(int32(part[R0]) - int32(top), box.r0), min(int32(part[R1]) - int32(top), box.r1)):
+        for c in range(max(int32(part[C0]), box.c0), min(int32(part[C1]), box.c1)):
+            places[n] = place_of(int32(r), int32(c))
+            n += 1
+    return n
+
+
+@kernel(inlined=True, disjoint=True, allocates=False)
+def meet_pixels(camera, part, top, places, hits, n):
+    """Fill hits [n] with those of the rays through the pixels at places [n] with a placed part."""
+    # One loop for each solid: a choice within a loop would compute all of them.
+    if part[SHAPE] == f32(CUBE):
+        for i in range(n):
+            put_hit(hits, i, meet_cube(ray_to(camera, part, top, places[i])))
+    elif part[SHAPE] == f32(CONE):
+        for i in range(n):
+            put_hit(hits, i, meet_cone(part[TAPER], ray_to(camera, part, top, places[i])))
+    else:
+        for i in range(n):
+            put_hit(hits, i, meet_sphere(ray_to(camera, part, top, places[i])))
+
+
+@kernel(inlined=True, allocates=False)
+def ray_to(camera, part, top, place):
+    """Return the `SolidRay` through the pixel at a place in the coordinates of a placed part."""
+    sight = sight_at(camera, top, place)
+    return solid_ray(part, camera, sight.sx, sight.sy)
+
+
+@kernel(inlined=True, allocates=False)
+def keep_seen(camera, fade, box, tile, work, count):
+    """Move the keys of those of `count` rays of `PartRays` that see a part to the front, with its cover, which is
+    reduced by `FADE` and by what the `Tile` has behind it, and t; returns how many there are."""
+    kept = int32(0)
+    for first in range(0, count, LANES):
+        if any_at_least(work.hits.cover, first, f32(LEAST_COVER)):
+            for i in range(first, min(first + LANES, count)):
+                at, t = index_of(box, work.keys[i]), work.hits.t[i]
+                cover = work.hits.cover[i] * fade * uncut_share(camera, t, tile.behind[at], tile.sharp[at])
+                # Written in any case, and kept by counting it.
+                work.keys[kept], work.cover[kept], work.t[kept] = work.keys[i], cover, t
+                kept += int32(cover >= f32(LEAST_COVER))
+    return kept
+
+
+@kernel(inlined=True, disjoint=True, allocates=False)
+def paint_pixels(scene, view, part, pixel, top, places, hits, out, n):
+    """Fill `Radiance` [n] with that of a placed part where the rays through the pixels at places [n] meet it, at hits
+    [n]; pixel: height of a pixel at distance one."""
+    for i in range(n):
+        sight = sight_at(view.camera, top, places[i])
+        out.red[i], out.green[i], out.blue[i] = sight_radiance(scene, view, part, pixel, sight, hit_of(hits, i))
+
+
+@kernel(inlined=True, allocates=False)
+def add_hits(box, layers, work, coloured, count):
+    """Add the first `count` of the rays that `PartRays` keep, painted if coloured, to the `Layers` of a tile."""
+    for i in range(count):
+        at = index_of(box, work.keys[i])
+        found = layers_of(layers, at)
+        cover, t = work.cover[i], work.t[i]
+        share = f32(0) if not coloured or is_hidden(found, t) else cover
+        red, green, blue = f32(0), f32(0), f32(0)
+        if share > f32(0):
+            red, green, blue = share * work.out.red[i], share * work.out.green[i], share * work.out.blue[i]
+        put_layers(layers, at, layered(found, cover, t, red, green, blue))
+
+
+@kernel(inlined=True, allocates=False)
+def mark_tile(box, own, drawn, tile, depth, kind, marks, n):
+    """Append the pixels of a `Tile` to the n marks, and set depth and kind [R, W']; returns how many marks there are
+    then. own: the prop's class."""
+    at = 0
+    for r in range(box.r0, box.r1):
+        for c in range(box.c0, box.c1):
+            layers = layers_of(tile.layers, at)
+            at += 1
+            cover = total_cover(layers)
+            if cover < f32(LEAST_COVER):
+                continue
+            shown = cover >= f32(HALF)
+            met = seen_depth(layers, cover)
+            if drawn == COLOURS:
+                mark(marks[n], r, c, cover, layers, depth[r, c], kind[r, c], met, own if shown else np.uint8(0))
+                n += 1
+            depth[r, c] = met if shown else depth[r, c]
+            kind[r, c] = own if shown else kind[r, c]
+    return n

@@ -12,7 +12,7 @@ from numba import int32
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.fast_math import exp, floor
 from thalweg.render.kernels.props import models
-from thalweg.render.kernels.props.pose import LEVEL, LOOKS, MAP, SUNLIT
+from thalweg.render.kernels.props.pose import LEVEL, LOOKS, MAP, SUNLIT, solid_ray
 from thalweg.render.kernels.shading.ground import tile_grain
 from thalweg.render.kernels.table_lookup import clamp
 from thalweg.render.records import layout
@@ -106,3 +106,14 @@ def part_radiance(scene, view, part, hit, ray, sight, at, distance, pixel):
         green * clear + number[w, layout.FOG_G] * (f32(1) - clear),
         blue * clear + number[w, layout.FOG_B] * (f32(1) - clear),
     )
+
+
+@kernel(inlined=True, allocates=False)
+def sight_radiance(scene, view, part, pixel, sight, hit):
+    """Return `part_radiance` at a `SolidHit` of a `layers.PixelSight`; pixel: height of a pixel at distance one."""
+    camera = view.camera
+    inverse = f32(1) / sight.slant
+    along = sight.x * inverse, sight.y * inverse, sight.z * inverse
+    at = camera.x + sight.x * hit.t, camera.y + sight.y * hit.t, camera.z + sight.z * hit.t
+    ray = solid_ray(part, camera, sight.sx, sight.sy)
+    return part_radiance(scene, view, part, hit, ray, along, at, hit.t * sight.slant, hit.t * pixel)

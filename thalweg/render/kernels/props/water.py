@@ -15,25 +15,12 @@ from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import HitPoints, Radiance, hit_points, map_origin, place_of, row_step
 from thalweg.render.kernels.fast_math import floor
 from thalweg.render.kernels.props import models
-from thalweg.render.kernels.props.draw import rows_of_box
-from thalweg.render.kernels.props.paint import part_radiance
-from thalweg.render.kernels.props.pose import (
-    CAMERA,
-    FADE,
-    MIDDLE,
-    REACH,
-    SHAPE,
-    TAPER,
-    depth_of,
-    mapped,
-    mirror_box,
-    pixel_box,
-    seen_at,
-)
-from thalweg.render.kernels.props.solids import SolidRay, meet_solid
+from thalweg.render.kernels.props.boxes import pixel_box, rows_of_box, seen_at
+from thalweg.render.kernels.props.pose import FADE, depth_of, mirror_box
+from thalweg.render.kernels.props.reflections import MIRRORED_M, aim_mirrored, empty_mirror_scratch, mirror_prop
 from thalweg.render.kernels.shading import mirror, sky, water
 from thalweg.render.kernels.shading.background import CHUNK, SEEN, SHORE_M, fill_up
-from thalweg.render.kernels.shading.water_optics import ROUGHNESS, footprint, mirrored_ray
+from thalweg.render.kernels.shading.water_optics import footprint, mirrored_ray
 from thalweg.render.kernels.table_lookup import clamp
 from thalweg.render.records import layout
 from thalweg.render.records.appearance import RIPPLE, RIPPLE_1
@@ -51,10 +38,6 @@ WAVE_START_M = 0.12
 """Distance from the hull over which they begin."""
 WAVES_SEEN_M, WAVES_FADE_M = 26.0, 6.0
 """Depth from which on waves are too fine to be seen, and over how many metres before they fade."""
-MIRRORED_M, MIRROR_FADE_M = 45.0, 10.0
-"""The same for mirror images."""
-SOFTNESS = 0.5
-"""Share of the softening of mirrored canopies that edges of a mirrored prop have."""
 
 
 class Stirred(NamedTuple):
@@ -79,6 +62,9 @@ class StirredScratch(NamedTuple):
     points: Any
     out: Any
     work: Any
+    """A `water.WaterScratch`."""
+    rays: Any
+    """A `reflections.MirrorScratch`."""
 
 
 @kernel(inlined=True, allocates=False)
@@ -157,13 +143,15 @@ def gather_water(top, rows, stirred):
             c0, c1, r0, r1, _ = rows_of_box(box, top, len(rows.depth))
             for r in range(r0, r1):
                 for c in range(c0, c1):
+                    light = rows.transmittance[r, c]
                     wet = (rows.kind[r, c] == np.uint8(WATER)) & (rows.water[r, c] >= f32(SHORE_M))
                     # A pixel that an earlier zone holds has no light any more.
-                    if wet & (rows.transmittance[r, c] > f32(SEEN)):
-                        stirred.places[n] = place_of(int32(r), int32(c))
-                        stirred.light[n] = rows.transmittance[r, c]
-                        rows.transmittance[r, c] = f32(0)
-                        n += 1
+                    held = wet & (light > f32(SEEN))
+                    # Written in any case, and kept by counting it: a choice would be predicted wrongly too often.
+                    stirred.places[n] = place_of(int32(r), int32(c))
+                    stirred.light[n] = light
+                    rows.transmittance[r, c] = f32(0) if held else light
+                    n += int32(held)
     stirred.first[len(stirred.zones)] = n
 
 
@@ -175,7 +163,7 @@ def release_water(scene, view, props, placed, top, stirred, rows):
         scratch = StirredScratch(
             span[0], np.empty(CHUNK + LANES, np.int32),
             HitPoints(span[1], span[2], span[3], span[4], span[5], span[6], span[7]),
-            Radiance(span[8], span[9], span[10]), water.empty_scratch(CHUNK),
+            Radiance(span[8], span[9], span[10]), water.empty_scratch(CHUNK), empty_mirror_scratch(),
         )  # fmt: skip
         shade_stirred(scene, view, props, placed, top, stirred, scratch, rows)
 
@@ -187,7 +175,7 @@ def shade_stirred(scene, view, props, placed, top, stirred, scratch, rows):
     origin = map_origin(scene, view)
     inv_cell = scene.constants[view.world, layout.INV_CELL]
     pixel = row_step(camera)
-    depth, places, points, out, work = scratch
+    depth, places, points, out, _, _ = scratch
     for k in range(len(stirred.zones)):
         for begin in range(stirred.first[k], stirred.first[k + 1], CHUNK):
             n = min(stirred.first[k + 1] - begin, CHUNK)
@@ -197,7 +185,7 @@ def shade_stirred(scene, view, props, placed, top, stirred, scratch, rows):
             for i in range(padded):
                 depth[i] = rows.depth[places[i] >> int32(16), places[i] & int32(0xFFFF)]
             hit_points(camera, origin, inv_cell, top, places, depth, points, padded)
-            shade_chunk(scene, view, props, placed, top, stirred.zones, k, places, points, pixel, work, out, padded)
+            shade_chunk(scene, view, props, placed, top, stirred.zones, k, pixel, scratch, padded)
             sky.add_haze(scene, view, points, out, padded)
             for i in range(n):
                 r, c = places[i] >> int32(16), places[i] & int32(0xFFFF)
@@ -209,33 +197,25 @@ def shade_stirred(scene, view, props, placed, top, stirred, scratch, rows):
 
 
 @kernel(allocates=False)
-def shade_chunk(scene, view, props, placed, top, zones, k, places, points, pixel, work, out, n):
-    """As `water.shade_water`, for points in the zone of placed prop k, with all props whose zones touch it.
-
-    places: [n] of the pixels, with rows counted from row `top` of the image.
-    """
+def shade_chunk(scene, view, props, placed, top, zones, k, pixel, scratch, n):
+    """As `water.shade_water`, for the n points of `StirredScratch`, which are in the zone of placed prop k, with all
+    props whose zones touch it; pixel: height of a pixel at distance one."""
+    _, places, points, out, work, rays = scratch
     water.ripple_surface(scene, view, points, pixel, work.surface, n)
     for j in range(len(zones)):
         if zones_touch(zones[k], zones[j, 4:]):
             prop = props[placed.numbers[j]]
             add_waves(scene, view, prop, zones[j, 4:], top, places, points, pixel, work.surface, n)
     mirror.mirror_canopy(scene, view, points, pixel, work.surface, work.mirrored, out, n)
+    aim_mirrored(scene, view.world, points, pixel, work.surface, rays.rays, n)
     # From far to near, so that the nearest is mirrored last, before all others.
     for j in range(len(zones) - 1, -1, -1):
         if zones_touch(zones[k], zones[j, :4]):
             first = j * models.MOST_PARTS
             parts = placed.parts[first : first + placed.counts[j]]
             prop = props[placed.numbers[j]]
-            mirror_prop(scene, view, prop, parts, zones[j], top, places, points, pixel, work.surface, work.mirrored, n)
+            mirror_prop(scene, view, prop, parts, zones[j], top, places, pixel, work.mirrored, rays, n)
     water.compose(scene, view, points, pixel, work.surface, work.mirrored, out, n)
-
-
-@kernel(inlined=True, allocates=False)
-def within_box(box, top, place):
-    """Return whether a place, whose row is counted from row `top` of the image, is in a rectangle of pixels [4]."""
-    r = int32(top) + (place >> int32(16))
-    c = place & int32(0xFFFF)
-    return (c >= box[0]) & (c < box[1]) & (r >= box[2]) & (r < box[3])
 
 
 @kernel(inlined=True, allocates=False)
@@ -297,100 +277,3 @@ def add_waves(scene, view, prop, box, top, places, points, pixel, surface, n):
         facing[i], mirror_x[i], mirror_y[i], mirror_z[i] = mirrored_ray(
             sight_x[i], sight_y[i], sight_z[i], lean_x, lean_y
         )
-
-
-@kernel(allocates=False)
-def mirror_prop(scene, view, prop, parts, box, top, places, points, pixel, surface, mirrored, n):
-    """Put a prop before what the mirrored rays of a `water.Surface` at `HitPoints` meet, in `Mirrored` [n].
-
-    parts: its placed ones; box: [4], outside which pixels at places [n] do not mirror it; pixel: height of a pixel at
-    distance one.
-    """
-    kind = int32(prop[KIND])
-    cell = f32(1) / scene.constants[view.world, layout.INV_CELL]
-    origin_x, origin_y = scene.constants[view.world, layout.ORIGIN_X], scene.constants[view.world, layout.ORIGIN_Y]
-    near = clamp(f32(MIRRORED_M) - depth_of(view.camera, prop), f32(0), f32(MIRROR_FADE_M)) * f32(1 / MIRROR_FADE_M)
-    for i in range(n):
-        if not within_box(box, top, places[i]):
-            continue
-        x, y, z = points.x[i] * cell + origin_x, points.y[i] * cell + origin_y, points.z[i]
-        lost = max(surface.spread[i] - f32(ROUGHNESS), f32(0))
-        soft = f32(SOFTNESS) * math.sqrt(f32(mirror.SPREAD_BLUR**2) * lost + f32(mirror.BLUR**2)) + pixel
-        towards = surface.mirror_x[i], surface.mirror_y[i], surface.mirror_z[i]
-        for k in range(int32(models.KINDS[kind, models.MAIN])):
-            if parts[k, FADE] == f32(0) or passes_by(view.camera, parts[k], (x, y, z), towards, soft):
-                continue
-            cover, red, green, blue = mirrored_part(
-                scene, view, parts[k], (x, y, z), towards, soft, points.distance[i], pixel
-            )
-            if cover > f32(0):
-                cover *= near
-                rest = f32(1) - cover
-                mirrored.passing[i] *= rest
-                mirrored.red[i] = mirrored.red[i] * rest + cover * red
-                mirrored.green[i] = mirrored.green[i] * rest + cover * green
-                mirrored.blue[i] = mirrored.blue[i] * rest + cover * blue
-
-
-@kernel(inlined=True, allocates=False)
-def passes_by(camera, part, at, towards, soft):
-    """Return whether a mirrored ray misses the ball around a placed part, by more than the ray's own width."""
-    x = part[MIDDLE] + camera.x - at[0]
-    y = part[MIDDLE + 1] + camera.y - at[1]
-    z = part[MIDDLE + 2] + camera.z - at[2]
-    along = max(x * towards[0] + y * towards[1] + z * towards[2], f32(0))
-    reach = part[REACH] + soft * along
-    x -= along * towards[0]
-    y -= along * towards[1]
-    z -= along * towards[2]
-    return x * x + y * y + z * z > reach * reach
-
-
-@kernel(inlined=True, allocates=False)
-def narrowed(ray):
-    """Return a `SolidRay` that is no wider than the solid where it passes by, and the share of its width that is left.
-
-    What is thinner than the ray stops only a part of it, and the outline of a wider one could not be told.
-    """
-    right = ray.right_x * ray.right_x + ray.right_y * ray.right_y + ray.right_z * ray.right_z
-    up = ray.up_x * ray.up_x + ray.up_y * ray.up_y + ray.up_z * ray.up_z
-    square = ray.x * ray.x + ray.y * ray.y + ray.z * ray.z
-    away = -(ray.ox * ray.x + ray.oy * ray.y + ray.oz * ray.z) / square
-    share = min(f32(1) / (math.sqrt(max(right, up)) * max(away, f32(0)) + f32(1e-6)), f32(1))
-    return SolidRay(
-        ray.ox, ray.oy, ray.oz, ray.x, ray.y, ray.z,
-        ray.right_x * share, ray.right_y * share, ray.right_z * share,
-        ray.up_x * share, ray.up_y * share, ray.up_z * share,
-    ), share  # fmt: skip
-
-
-@kernel(inlined=True, allocates=False)
-def mirrored_part(scene, view, part, at, towards, soft, distance, pixel):
-    """Return the share of a mirrored ray that a placed part stops, and its radiance: red, green, blue.
-
-    The ray leaves the water at a point in metres in a unit direction, both tuples, and is as wide as `soft` at distance
-    one; distance: from the camera to the water.
-    """
-    x, y, z = at
-    rx, ry, rz = towards
-    # Two directions across the ray: a level one, and one that is level with neither.
-    level = f32(1) / (math.sqrt(rx * rx + ry * ry) + f32(1e-6))
-    ax, ay = -ry * level * soft, rx * level * soft
-    bx, by, bz = -rx * rz * level * soft, -ry * rz * level * soft, soft / level
-    camera = view.camera
-    ox, oy, oz = mapped(part, x - camera.x, y - camera.y, z - camera.z)
-    ray, share = narrowed(
-        SolidRay(
-            part[CAMERA] + ox, part[CAMERA + 1] + oy, part[CAMERA + 2] + oz,
-            *mapped(part, rx, ry, rz), *mapped(part, ax, ay, f32(0)), *mapped(part, bx, by, bz),
-        )
-    )  # fmt: skip
-    hit = meet_solid(part[SHAPE], part[TAPER], ray)
-    cover = hit.cover * share if hit.t > f32(0) else f32(0)
-    red, green, blue = f32(0), f32(0), f32(0)
-    if cover > f32(0.02):
-        met = x + rx * hit.t, y + ry * hit.t, z + rz * hit.t
-        red, green, blue = part_radiance(scene, view, part, hit, ray, towards, met, hit.t, (distance + hit.t) * pixel)
-    else:
-        cover = f32(0)
-    return cover, red, green, blue

@@ -75,9 +75,8 @@ COLUMNS: tuple[str, ...] = (
 )
 KEY = COLUMNS[: 6 + len(VERSIONS)]
 """Columns that identify a cell."""
-
-
 TRAINING_COLUMNS = ("policy", "steps", "seed", *VERSIONS, "processor", "cores", "minutes", "peak_gib")
+"""Columns of the table of trainings."""
 
 
 @dataclass(frozen=True)

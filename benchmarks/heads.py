@@ -1,4 +1,4 @@
-"""The head of a student: one over all joint moves, beside one for each branch of the action, as students have it.
+"""Comparison of two heads of students: one over all joint moves, and one for each branch of the action, the usual.
 
     python benchmarks/heads.py                  # trains and measures all that has no row yet
     python benchmarks/heads.py --only joint     # one of the heads
@@ -68,7 +68,7 @@ OTHERS = range(UNSEEN + 500, UNSEEN + 516)
 COMMON_SEQUENCES, ENVS, NOISE = 16, 32, 0.2
 """Sequences of common states in each of so many environments, and the share of random moves in them."""
 CONTEXT = {"observation": ImitationConfig().observation}
-"""What flights need to know of a policy's training."""
+"""What a student's policy file says of its training, as far as flights need it."""
 MADE_WITH = ("imitation", "render", "rules", "world", "evaluation")
 KEY = ("head", "seed", "steps", "rivers", "episodes", *MADE_WITH)
 RETURNS = tuple(f"{name}_{level}" for level in FLOWN for name in ("return", "violations"))
@@ -156,9 +156,9 @@ def common_states(student: Student) -> dict[str, str]:
             for _ in range(student.config.sequence):
                 images, _, terminated, truncated, _ = env.step(flights.act(1.0, NOISE))
                 flights.arrive(images, terminated | truncated)
-            found, missed = judged(student, flights)
-            cross.append(found)
-            regret.append(missed)
+            entropy, lost = judged(student, flights)
+            cross.append(entropy)
+            regret.append(lost)
     finally:
         env.close()
     missed = torch.cat(regret)
@@ -232,8 +232,8 @@ def table(rows: Iterable[Mapping[str, str]]) -> str:
             cells = [(name, 2 if name.startswith("return") else 4) for name in (*RETURNS, *COMMON[1:])]
             shown = {BRANCHES: "one for each branch", JOINT: "over joint moves"}[head]
             lines.append([shown, str(len(mine)), *(estimate(mine, name, digits) for name, digits in cells)])
-    heading = ["head", "seeds", *(name.replace("_", ", ", 1) for name in RETURNS), *COMMON[1:]]
-    return markdown(frame([each.replace("cross, ", "cross-") for each in heading], lines))
+    heading = ["head", "seeds", *(name.replace("_", ", ") for name in RETURNS)]
+    return markdown(frame([*heading, *(name.replace("_", "-") for name in COMMON[1:])], lines))
 
 
 def estimate(rows: Sequence[Mapping[str, str]], name: str, digits: int) -> str:

@@ -87,6 +87,7 @@ def test_the_page_has_a_line_for_each_head(heads: ModuleType, monkeypatch: pytes
     written = " ".join(page.read_text().split())
     # The half width of three seeds 0.1 apart is 4.3027 x 0.1 / sqrt(3).
     assert "| over joint moves | 3 | 9.00 [9.00, 9.00] |" in written and "| 0.3000 [0.0516, 0.5484] |" in written
+    assert "| return, Medium |" in written and "| cross-entropy |" in written
     assert "one for each branch" not in written and written.startswith("before") and written.endswith("after")
     outdated = [row | {"imitation": "0"} for row in rows]
     table.unlink()

@@ -145,6 +145,15 @@ def test_other_rules_and_too_few_seeds_are_lacking(tmp_path: Path, suite: Suite,
     assert entry(write(tmp_path / "nests", suite), "PPO").missing == words
 
 
+def test_a_task_of_a_plug_in_has_no_rank(tmp_path: Path):
+    folder = write(tmp_path / "nests")
+    suite = json.loads((folder / "suite.json").read_text())
+    (folder / "suite.json").write_text(json.dumps(suite | {"task": "HighNests"}))
+    found = task_entries(read_folder(folder))
+    assert {each.task for each in found} == {"HighNests"}
+    assert all("a task of the package" in each.missing or each.versions != "current" for each in found)
+
+
 def test_a_limit_below_the_safest_point_is_unattainable(tmp_path: Path):
     arm = replace(ARMS[4], settings={"cost_limit": 0.5, "cost_limit_schedule": []})
     found = task_entries(read_folder(write(tmp_path / "nests", replace(SUITE, arms=(arm,)))))

@@ -93,7 +93,7 @@ def read_folder(folder: Path) -> Results:
 
 def entries(folder: Path) -> list[Entry]:
     """Return the policies of a results folder of the paper's task, as far as any run of them has started: trained
-    ones, the packaged one, and functions. None for a folder of another task.
+    ones, the packaged one, and functions. The list is empty for a folder of another task.
 
     Raises `ResultsError` for a folder that holds no results, or no readable suite.
     """

@@ -11,7 +11,7 @@ from thalweg.bench.results.inference import MIN_SEEDS, score_matrix
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.record import has_forces, task_of
-from thalweg.env.tasks import PAPER_TASK
+from thalweg.env.tasks import PAPER_TASK, TASKS
 from thalweg.world import LEVELS
 
 LEVEL = "Medium"
@@ -81,7 +81,12 @@ def _missing_rules(results: Results, has_price: bool) -> list[str]:
     moved, hard = has_forces(results.suite), has_price and bool(results.suite.get("hard"))
     if not has_price:
         return ["the paper's task in still air"] if moved else []
-    return [*(["still air"] if moved else []), *(["episodes that go on after a cost"] if hard else [])]
+    needed = {
+        "a task of the package": task_of(results.suite) not in TASKS,
+        "still air": moved,
+        "episodes that go on after a cost": hard,
+    }
+    return [words for words, is_missing in needed.items() if is_missing]
 
 
 def missing_starts(results: Results) -> list[str]:

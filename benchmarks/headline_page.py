@@ -7,13 +7,14 @@ The prose of these pages is tested against the results in tests/benchmarks/test_
 """
 
 import argparse
+import itertools
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from findings import results_of
 from headline_pictures import drawn
-from headlines import STUDY, Headline, algorithms, earlier_versions, flown, headlines
+from headlines import HERE, STUDY, Headline, algorithms, earlier_versions, flown, headlines, listed
 from page_sections import replace_section, wrap
 
 from thalweg.bench.report.policies import evaluated_seeds, limit_met, train_level
@@ -27,13 +28,13 @@ PAGE, README = ROOT / "docs" / "findings.md", ROOT / "README.md"
 PICTURES = ROOT / "docs" / "images" / "findings"
 
 
-def findings_section(found: Sequence[Headline], results: Results) -> str:
+def findings_section(found: Sequence[Headline]) -> str:
     """Return the findings with their pictures, and what versions they are of."""
     blocks = [
         f"{wrap(f'**{number}. {each.title}.** {each.sentence}')}\n{_picture(each, 'images/findings')}"
         for number, each in enumerate(found, start=1)
     ]
-    return "\n".join([*blocks, wrap(_versions_note(found, results))])
+    return "\n".join([*blocks, wrap(_versions_note(found))])
 
 
 def _picture(headline: Headline, folder: str) -> str:
@@ -43,15 +44,23 @@ def _picture(headline: Headline, folder: str) -> str:
     return f"![{words}]({folder}/{headline.name}.png)\n"
 
 
-def _versions_note(found: Sequence[Headline], results: Results) -> str:
+def _versions_note(found: Sequence[Headline]) -> str:
     """Return which findings are of earlier versions than today's."""
-    earlier = earlier_versions(results)
-    if not earlier:
-        return "All of them are of today's versions."
-    numbers = [str(number) for number, each in enumerate(found, start=1) if each.folder == STUDY.name]
-    others = [str(number) for number, each in enumerate(found, start=1) if each.folder != STUDY.name]
-    note = f"**Findings {', '.join(numbers)} are of earlier versions**: {', '.join(earlier)}."
-    return note + (f" Finding {', '.join(others)} is of today's." if others else "")
+    numbers: dict[tuple[str, ...], list[str]] = {}
+    for number, each in enumerate(found, start=1):
+        lists = (earlier_versions(results_of(HERE / folder)) for folder in each.folders)
+        numbers.setdefault(tuple(dict.fromkeys(itertools.chain(*lists))), []).append(str(number))
+    return " ".join(
+        f"**{_are(own)} of earlier versions**: {', '.join(earlier)}."
+        if earlier
+        else f"{_are(own)} of today's versions."
+        for earlier, own in numbers.items()
+    )
+
+
+def _are(numbers: Sequence[str]) -> str:
+    """Return the subject of a sentence about findings of some numbers, with its verb."""
+    return f"Findings {listed(numbers)} are" if len(numbers) > 1 else f"Finding {listed(numbers)} is"
 
 
 def readme_section(found: Sequence[Headline], results: Results) -> str:
@@ -73,7 +82,7 @@ def written_pages() -> dict[Path, str]:
     """Return both pages with what the results have today."""
     found, results = headlines(), results_of(STUDY)
     sections = {
-        PAGE: ("headlines", findings_section(found, results)),
+        PAGE: ("headlines", findings_section(found)),
         README: ("findings", readme_section(found, results)),
     }
     return {page: replace_section(page.read_text(encoding="utf-8"), *section) for page, section in sections.items()}

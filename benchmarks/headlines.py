@@ -24,10 +24,11 @@ from thalweg.bench.report.policies import COST_LIMIT, limit_met, train_level
 from thalweg.bench.report.published import PUBLISHED
 from thalweg.bench.results.comparison import matched_scores, mean_difference
 from thalweg.bench.results.inference import Estimate, Proportion, mean_estimate, t_interval, wilson_interval
+from thalweg.bench.results.reading import versions_today
 from thalweg.bench.results.results import Results
-from thalweg.bench.results.run_versions import current_versions
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.builtin import STUDIED
+from thalweg.bench.suite.record import arms_of
 
 HERE = Path(__file__).resolve().parent
 GEOMETRY = HERE / "geometry"
@@ -38,6 +39,7 @@ FLIES, PLANNER_FLIES = 8.0, 6.0
 PLANNERS = ("SafeLOOP", "CCEPETS")
 BASE = "PPO"
 """The algorithm without a limit."""
+
 Episodes = Sequence[Episode]
 
 
@@ -57,8 +59,8 @@ class Headline:
     """What the values are, below the picture."""
     line: float | None = None
     """A value that is marked in the picture."""
-    folder: str = STUDY.name
-    """Folder of the results that it follows from."""
+    folders: tuple[str, ...] = (STUDY.name,)
+    """Folders of the results that it follows from."""
 
 
 def flown(results: Results, policy: str, condition: str = "") -> Episodes:
@@ -120,7 +122,7 @@ def who_flies(results: Results) -> Headline:
         sentence += f" Fewer than three seeds: {listed(fewer)}."
     series = {
         "here": tuple(found[name] for name in names),
-        "paper, another simulator": tuple(Estimate(theirs[name]) if name in theirs else None for name in names),
+        "paper (another simulator)": tuple(Estimate(theirs[name]) if name in theirs else None for name in names),
     }
     return Headline(
         "who-flies", "Who learns to fly", sentence, tuple(names), series, f"mean return on {level}", line=FLIES
@@ -170,8 +172,9 @@ def eye(results: Results, other: Results | None) -> Headline | None:
         alike = np.corrcoef([stats.rankdata(each) for each in values])[0, 1]
         sentence += f" The rank correlation of both orders of {len(names)} algorithms is {alike:.2f}."
     return Headline(
-        "eye", "The eye and the algorithm", sentence, tuple(names), series, f"mean return on {train_level(results)}"
-    )
+        "eye", "The eye and the algorithm", sentence, tuple(names), series, f"mean return on {train_level(results)}",
+        folders=(STUDY.name, GEOMETRY.name),
+    )  # fmt: skip
 
 
 def limit(results: Results) -> Headline:
@@ -184,8 +187,9 @@ def limit(results: Results) -> Headline:
     lower = [name for name in names if difference(flown(results, name), base, "cost").high < 0]
     less = f"significantly less costs {listed(lower)}" if lower else "none of them costs significantly less"
     sentence = (
-        f"On {train_level(results)} the cost limit of {COST_LIMIT:g} is surely met by {listed(met) or 'none'} of"
-        f" {len(names)} algorithms that have it and three seeds, and surely exceeded by {listed(above) or 'none'}."
+        f"On {train_level(results)}, of the {len(names)} algorithms that have the cost limit of {COST_LIMIT:g} and"
+        f" three seeds, {listed(met) or 'none'} certainly meet it (with the whole confidence interval), and"
+        f" {listed(above) or 'none'} certainly exceed it."
         f" {BASE}, which has no limit, costs {costs[BASE]}; {less}."
     )
     labels = (BASE, *names)
@@ -197,9 +201,11 @@ def limit(results: Results) -> Headline:
 
 def price(folder: Path = HERE) -> Headline | None:
     """Return how often limits that have a price are held, and how far below the oracle; None where nothing was run."""
-    every = [each for study in read_studies(folder).values() for each in study.limited(FIXED)]
+    studies = [study for study in read_studies(folder).values() if study.limited(FIXED)]
+    every = [each for study in studies for each in study.limited(FIXED)]
     if not every:
         return None
+    folders = tuple(study.suite["name"] for study in studies)
     held = [each for each in every if each.holds]
     names = [name for name in ALGORITHMS if any(each.algorithm == name for each in every)]
     tasks = list(dict.fromkeys(each.task for each in every))
@@ -216,7 +222,7 @@ def price(folder: Path = HERE) -> Headline | None:
     ]
     return Headline(
         "price", "Limits that have a price", sentence, tuple(names), {"held": tuple(shares)},
-        "share of limits that are held in the mean", folder="the suites of tasks",
+        "share of limits that are held in the mean", folders=folders,
     )  # fmt: skip
 
 
@@ -275,14 +281,17 @@ def by_seed_change(after: Episodes, before: Episodes) -> Estimate:
 
 
 def earlier_versions(results: Results) -> list[str]:
-    """Return the versions of the study that differ from those of today, with these in brackets; none if none does."""
-    recorded = results.versions.get(f"{BASE}-0", {})
-    today = current_versions("train", [BASE], asymmetric_critics="privileged" in recorded)
-    return [
-        f"{name} {version} (today {today[name]})"
-        for name, version in recorded.items()
-        if name in today and today[name] != version
-    ]
+    """Return the versions of the trained policies of results that differ from those of today, with these in brackets;
+    none if none does."""
+    found: dict[str, str] = {}
+    for arm in arms_of(results.suite):
+        for seed in arm["seeds"]:
+            recorded = results.versions.get(f"{arm['name']}-{seed}", {})
+            today = versions_today(results.suite, arm["name"], recorded)
+            for name, version in recorded.items():
+                if today.get(name) != version:
+                    found[name] = f"{name} {version} (today {today.get(name)})"
+    return list(found.values())
 
 
 @cache

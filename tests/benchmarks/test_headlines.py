@@ -89,15 +89,11 @@ def test_the_limit_is_judged_by_whole_intervals(script: ModuleType):
     found = script.limit(study(costs={"PPO": 1.0, "PPOLag": 0.0}))
     assert found.labels == ("PPO", "PPOLag", "FOCOPS", "CCEPETS")
     assert [round(each.value, 9) for each in found.series["cost"]] == [0.5, 0.0, 0.2, 0.2]
-    assert (
-        "surely met by none of 3 algorithms that have it and three seeds, and surely exceeded by none."
-        in found.sentence
-    )
+    assert "of the 3 algorithms that have the cost limit of 0.1 and three seeds, none certainly" in found.sentence
+    assert "and none certainly exceed it." in found.sentence
     sure = replace(study(), episodes=[replace(row, cost=0.5) for row in study().episodes])
-    assert (
-        "surely exceeded by PPOLag, FOCOPS and CCEPETS. PPO, which has no limit, costs 0.50"
-        in script.limit(sure).sentence
-    )
+    told = "and PPOLag, FOCOPS and CCEPETS certainly exceed it. PPO, which has no limit, costs 0.50"
+    assert told in script.limit(sure).sentence
     assert script.limit(sure).sentence.endswith("; none of them costs significantly less.")
     few = study(seeds=2)
     assert script.limit(few).labels == ("PPO",)  # without an interval nothing is sure
@@ -106,8 +102,9 @@ def test_the_limit_is_judged_by_whole_intervals(script: ModuleType):
 def test_losses_are_paired_by_start_or_by_seed(script: ModuleType):
     found = script.elsewhere(study())
     assert found.labels == ("PPO", "CCEPETS")
-    assert "changes by: PPO -2.00 [-4.48, 0.48]" in found.sentence  # -1, -2 and -3: 4.303 / √3
-    assert "PPO -2.00 [-4.48, 0.48]" in found.sentence and "every look at once" in found.sentence
+    away, looks = found.sentence.split("every look at once")
+    assert "changes by: PPO -2.00 [-4.48, 0.48]" in away  # -1, -2 and -3: 4.303 / √3
+    assert "by: PPO -2.00 [" in looks and "CCEPETS -2.00 [" in looks  # 2 less from every start
     change = script.by_seed_change(study().condition_episodes["unseen"][:6], study().episodes[:6])
     assert (change.value, round(change.high - change.value, 2)) == (-2.0, 2.48)
 
@@ -116,6 +113,14 @@ def test_what_has_not_been_run_gives_no_finding(script: ModuleType, tmp_path: Pa
     assert script.price(tmp_path) is None
     alone = replace(study(), condition_episodes={})
     assert script.elsewhere(alone) is None
+
+
+def test_versions_of_every_arm_are_compared_with_those_of_today(script: ModuleType):
+    today = script.versions_today(SUITE.as_data(), "PPOLag", {})
+    assert script.earlier_versions(replace(study(), versions={"PPOLag-1": today})) == []
+    older = {"PPOLag-1": today | {"PPOLag": 0}, "hover-0": {"world": 0}}
+    told = f"PPOLag 0 (today {today['PPOLag']})"
+    assert script.earlier_versions(replace(study(), versions=older)) == [told]
 
 
 def test_there_are_five_findings_with_what_the_repository_has_today(script: ModuleType):
@@ -145,13 +150,7 @@ def test_a_picture_has_a_point_for_each_value_and_a_line_for_each_interval(scrip
     found = script.Headline("name", "Title", "", ("one", "two"), series, "what", line=8.0)
     axis = pictures.figure_of(found).axes[0]
     drawn = [line for line in axis.lines if len(line.get_xdata())]
-    assert sorted(len(line.get_xdata()) for line in drawn) == [
-        1,
-        1,
-        1,
-        2,
-        2,
-        2,
-    ]  # three points, two intervals, the line
+    ends = sorted(len(line.get_xdata()) for line in drawn)
+    assert ends == [1, 1, 1, 2, 2, 2]  # three points, two intervals, the line
     assert [label.get_text() for label in axis.get_yticklabels()] == ["one", "two"]
     assert Image.open(io.BytesIO(pictures.drawn(found))).size[0] == 900

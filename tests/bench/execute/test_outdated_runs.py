@@ -150,7 +150,7 @@ def test_runs_that_see_images_depend_on_the_renderer_but_not_on_the_encoder():
 def test_the_pilot_that_students_are_taught_by_depends_on_the_version_of_imitations():
     pilot, steady = (current_versions("baseline", [name]) for name in ("pilot", "steady"))
     assert steady == pilot | {"imitation": versions.IMITATION}
-    assert reading._current({}, "steady", steady) == steady  # of a suite that does not name it
+    assert reading.versions_today({}, "steady", steady) == steady  # of a suite that does not name it
 
 
 def test_outdated_runs_are_shown_under_names_of_their_own(folder: Path, newer_frames: str):

@@ -154,7 +154,7 @@ def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, O
 
     def name_of(policy: str, seed: int) -> str:
         recorded = runs.versions.get(f"{policy}-{seed}", {})
-        current = _current(suite, policy, recorded)
+        current = versions_today(suite, policy, recorded)
         # The version of a plug-in that is not here cannot be compared.
         absent = {
             each: recorded.get(each) for each in runs.sources.get(f"{policy}-{seed}", {}) if not current.get(each)
@@ -181,8 +181,9 @@ def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, O
     return _Runs(rows, episodes, by_condition, training, runs.versions, runs.sources), outdated
 
 
-def _current(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[str, int | None]:
-    """The versions that a policy's runs have now; if the suite does not name it, derived from the recorded ones."""
+def versions_today(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[str, int | None]:
+    """The versions that a policy's runs have now, by the record of their suite; if that does not name it, derived from
+    the recorded ones."""
     where: dict[str, Any] = {"task": task_of(suite), "forces": has_forces(suite)}
     if policy in suite.get("baselines", []):
         return current_versions("baseline", [policy], **where)

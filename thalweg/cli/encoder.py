@@ -73,7 +73,7 @@ class EncoderTrain:
         return camera_from(self.camera) if self.camera else LEVELS_CAMERA
 
     def _refuse_options_of_image(self) -> None:
-        """Raise `UsageError` for --randomise, which is always so, and for --banks, where there are several levels."""
+        """Raise `UsageError` for --randomise, since looks vary in any case, and for --banks, which levels name."""
         if self.randomise:
             raise UsageError(f"--target {self.target} is learnt under varied looks in any case: leave --randomise out")
         if self.river.banks and self.river.river is None:
@@ -97,10 +97,10 @@ class EncoderTrain:
         named = self.level or ((DEFAULT_LEVEL["uav"],) if self.river.banks else ())
         ground = reach or next(map(self.river.on_banks, named), None)
         drawing = Drawing(self._camera(), randomise=self.randomise, **self._given("quality"))
-        size = {"size_px": size_of(drawing.camera)}
+        size_px = size_of(drawing.camera)
         result = collect_and_train(
             self.out,
-            VAEConfig(inputs=self.inputs, architecture=self.architecture, **size, **self._given("latent")),
+            VAEConfig(inputs=self.inputs, architecture=self.architecture, size_px=size_px, **self._given("latent")),
             world_seeds=parse_seeds(self.world_seeds, "--world-seeds", UsageError),
             seed=self.seed,
             drawing=drawing,

@@ -89,8 +89,8 @@ class Record(FlownFlight):
         return 0
 
     def _what_is_flown(self) -> dict[str, Any]:
-        """Return the options that decide what the flights are, as plain data; their number does not, and neither do
-        the folders of files."""
+        """Return the options that decide what the flights are, as plain data: not their number, nor the folders in
+        which files lie."""
         ways = ("out", "format", "episodes", "video", "plugin")
         named = replace(self, flight=policy_name(self.flight))
         return {each.name: _plain(getattr(named, each.name)) for each in fields(self) if each.name not in ways}

@@ -121,7 +121,7 @@ def _means(table: Table, path: Path, wanted: Sequence[str] = ()) -> dict[str, fl
         if table.steps:
             rows = [row for row in rows if float(row["step"]) > (1 - LAST_SHARE) * table.steps]
         means = {name: [float(row[name]) for row in rows] for name in TOLERANCES if name in (rows or [{}])[0]}
-        episodes = [float(row.get("episodes", 1)) for row in rows]  # of a block of them
+        episodes = [float(row.get("episodes", 1)) for row in rows]  # a row of a curve is a block of episodes
     except ValueError as error:
         raise ResultsError(f"{path}: {error}") from error
     if not sum(episodes):

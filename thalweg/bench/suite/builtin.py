@@ -24,8 +24,6 @@ from thalweg.core.yaml12 import load
 SUFFIXES = (".yaml", ".yml")
 STUDIED = ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "DDPGLag", "TD3Lag", "SACLag", "SafeLOOP", "CCEPETS")
 """Algorithms of the paper, in its order."""
-
-
 BESIDE = ("CPO", "CUP")
 """Algorithms that the study trains beside those of the paper."""
 AS_PUBLISHED = ("PPO", "FOCOPS", "TD3Lag", "SafeLOOP")

@@ -109,7 +109,7 @@ class Imitation:
     def _rivers(self, grounds: Sequence[Level | Reach], seeds: Sequence[int]) -> RiverList:
         """Return the rivers of the levels, or the real river with the plants and hills of each seed."""
         if self.river is None:
-            return RiverList.of_levels([(level, seeds) for level in grounds], self.rivers_in_memory)  # pyright: ignore
+            return RiverList.of_levels([(level, seeds) for level in grounds], self.rivers_in_memory)  # pyright: ignore[reportArgumentType]
         for seed in seeds:
             announce_build(self.river, seed)
         return RiverList([self.river.build(seed) for seed in seeds], self.rivers_in_memory)

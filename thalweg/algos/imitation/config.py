@@ -74,8 +74,8 @@ class ImitationConfig:
     quality: Literal["fast", "full"] = "fast"
     """Quality of the frames of training; those that policies are evaluated on are `full`."""
     gate_rivers: NonNegativeInt = 300
-    """Greatest number of rivers of each level, or of starts on a real river, that the teacher must fly to the end before
-    anything is learnt."""
+    """Greatest number of rivers of each level, or of starts on a real river, that the teacher must fly to the end
+    before anything is learnt."""
 
     @property
     def shape(self) -> NetworkShape:

@@ -15,6 +15,7 @@ from PIL import Image
 
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.evaluate.course import UNSEEN
+from thalweg.bench.suite.builtin import SUITES
 from thalweg.cli.encoder import ENCODER_COMMANDS, EncoderTrain
 from thalweg.cli.main import COMMANDS, _parse, main
 from thalweg.cli.options import NO_FILE, RiverFile, settings_from
@@ -93,6 +94,11 @@ def test_the_help_of_encoder_train_names_the_defaults_of_each_target(
         "the ground. (default: full for image, fast for geometry, full for water)",
     ):
         assert told in text
+
+
+def test_the_help_of_bench_names_every_suite(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
+    text = " ".join(help_lines(["bench"], 1000, monkeypatch, capsys))
+    assert f"{', '.join(SUITES)}, or your own YAML file." in text
 
 
 def test_the_help_of_train_names_every_algorithm(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):

@@ -3,9 +3,9 @@
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from thalweg.cli.forces import STILL, ForceFlags, Forces
 from thalweg.cli.options import NO_FILE, Plugins, Policies, River, RiverFile, UsageError, checked_task
@@ -18,12 +18,18 @@ if TYPE_CHECKING:
     from thalweg.world import Reach
 
 
+SUITE = (
+    "quick, easy, open, protocols, paper, geometry, imitated, privileged, swimmers, nests, racingline, portage,"
+    " swimmers-frames, nests-frames, racingline-frames, portage-frames, or your own YAML file."
+)
+"""What the argument of the command may be."""
+
+
 @dataclass(frozen=True)
 class Bench:
     """Train, evaluate and report a suite of runs; the same command resumes."""
 
-    suite: Positional[str]
-    """quick, easy, open, protocols, paper, geometry, imitated, privileged, swimmers etc., or your own YAML file."""
+    suite: Positional[Annotated[str, arg(help=SUITE)]]
     out: Path | None = None
     """Folder of the results. It must be given, but for --verify, which makes runs again in NAME-verified by default."""
     jobs: int | None = None

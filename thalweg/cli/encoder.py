@@ -68,9 +68,9 @@ class EncoderTrain:
 
     def _camera(self) -> Any:
         """Return the camera of the frames; raises the errors of `camera_from`."""
-        from thalweg.train.encoder.drawing import LEVELS_CAMERA
+        from thalweg.env.config import DEFAULT_CONFIG
 
-        return camera_from(self.camera) if self.camera else LEVELS_CAMERA
+        return camera_from(self.camera) if self.camera else DEFAULT_CONFIG.camera
 
     def _refuse_options_of_image(self) -> None:
         """Raise `UsageError` for --randomise, since looks vary in any case, and for --banks, which levels name."""

@@ -84,17 +84,20 @@ def encoder_in_words(context: Mapping[str, Any]) -> str:
 
 def check_camera_fits(camera: Camera, encoder: Encoder) -> None:
     """Raise `TrainingError` unless a camera draws frames of the size that an encoder takes."""
-    check_size_fits(camera, sides(encoder.config.size_px), str(encoder.about.get("path", "")))
+    check_size_fits(camera, encoder.config.size_px, str(encoder.about.get("path", "")))
 
 
-def check_size_fits(camera: Camera, taken: tuple[int, int], name: str) -> None:
-    """Raise `TrainingError` unless a camera draws frames of the height and width taken by the encoder of a name."""
-    height, width = taken
-    if (camera.height_px, camera.width_px) != (height, width):
-        raise TrainingError(
-            f"the camera draws frames of {camera.height_px} x {camera.width_px} pixels (height x width), but the"
-            f" encoder {name} takes {height} x {width}: give the camera height_px={height} and"
-            f" width_px={width}, or use another encoder"
+def check_size_fits(
+    camera: Camera, size_px: int | tuple[int, int], name: str, error: type[ValueError] = TrainingError
+) -> None:
+    """Raise an error unless a camera draws frames of the size (a side, or height and width) that the encoder of a name
+    takes."""
+    drawn, (height, width) = (camera.height_px, camera.width_px), sides(size_px)
+    if drawn != (height, width):
+        raise error(
+            f"the camera draws frames of {drawn[0]} x {drawn[1]} pixels (height x width), but the encoder"
+            f"{name and f' {name}'} takes {height} x {width}: give the camera height_px={height} and width_px={width},"
+            f" or use an encoder that takes {drawn[0]} x {drawn[1]}"
         )
 
 

@@ -202,7 +202,7 @@ def test_the_command_says_that_a_run_was_finished_before(finished: Path, capsys:
     [
         ({"held_out_seeds": "1:3"}, "world_seeds and held_out_seeds share 1: codes are judged on other rivers"),
         ({"levels": ("Easy", "easy")}, "levels must be at least one, each once, not Easy, Easy"),
-        ({"camera": Camera(96, 160)}, "frames of 96 x 160 pixels .*, but size_px of the encoder is 128 x 128"),
+        ({"camera": Camera(96, 160)}, "frames of 96 x 160 pixels .*, but the encoder that is trained takes 128 x 128"),
         ({"images": 8}, "images must be at least 16, not 8"),
         ({"epochs": 0}, "epochs must be at least 1, not 0"),
         ({"seed": -1}, "seed must be 0 or more, not -1"),

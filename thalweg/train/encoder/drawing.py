@@ -3,20 +3,17 @@
 from dataclasses import dataclass
 from typing import Any
 
-from thalweg.encoder import EncoderInputError, sides
+from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.render import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
-
-LEVELS_CAMERA = Camera()
-"""The camera of the levels."""
 
 
 @dataclass(frozen=True)
 class Drawing:
     """Frames of a camera; by default as those of the levels."""
 
-    camera: Camera = LEVELS_CAMERA
+    camera: Camera = DEFAULT_CONFIG.camera
     quality: Quality = "full"
     randomise: bool = False
     """Whether light, water, plants, lens, noise and clouds vary from frame to frame."""
@@ -36,19 +33,9 @@ class Drawing:
 
 def camera_as_data(camera: Camera) -> dict[str, Any]:
     """Return what the record of a training says of its camera: nothing of the usual one."""
-    return {} if camera == LEVELS_CAMERA else {"camera": camera.as_data()}
+    return {} if camera == DEFAULT_CONFIG.camera else {"camera": camera.as_data()}
 
 
 def size_of(camera: Camera) -> tuple[int, int]:
     """Return height and width of a camera's frames, which the config of an encoder takes as its `size_px`."""
     return camera.height_px, camera.width_px
-
-
-def check_size(camera: Camera, size_px: int | tuple[int, int]) -> None:
-    """Raise `EncoderInputError` unless the frames of a camera have the size that an encoder is trained for."""
-    if size_of(camera) != sides(size_px):
-        (height, width), (drawn_height, drawn_width) = sides(size_px), size_of(camera)
-        raise EncoderInputError(
-            f"the camera draws frames of {drawn_height} x {drawn_width} pixels (height x width), but size_px of the"
-            f" encoder is {height} x {width}"
-        )

@@ -27,15 +27,17 @@ from thalweg.encoder.geometry import GeometryConfig, Scale
 from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, Labelled, train_geometry, write_geometry
 from thalweg.encoder.linear_probe import probe_r_squared
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.tasks import PAPER_TASK
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
-from thalweg.train.encoder.drawing import LEVELS_CAMERA, camera_as_data, check_size, size_of
+from thalweg.train.encoder.drawing import camera_as_data, size_of
 from thalweg.train.encoder.targets import mirrored_targets, shown_of, targets_of, weights_of
 from thalweg.train.encoder.views import TARGETS, KnownViews, draw_views, flight_views, start_views
+from thalweg.train.encoder_of_run import check_size_fits
 from thalweg.train.flip import flipped
 from thalweg.train.river import banks_version
 from thalweg.world import level_named
@@ -83,7 +85,7 @@ class GeometryTraining:
     """Frames of each kind of views, and of each task, on which codes are judged."""
     epochs: int = 16
     seed: int = 0
-    camera: Camera = LEVELS_CAMERA
+    camera: Camera = DEFAULT_CONFIG.camera
     """Whose frames are learnt from and judged; `config` has their size."""
     quality: Quality = "fast"
     """Quality of the frames of training; those on which codes are judged are full."""
@@ -151,7 +153,7 @@ class GeometryTraining:
         names = [level_named(level).name for level in self.levels]
         if not names or len(set(names)) < len(names):
             raise EncoderInputError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
-        check_size(self.camera, self.config.size_px)
+        check_size_fits(self.camera, self.config.size_px, "that is trained", EncoderInputError)
         if self.config.targets != self.targets:
             raise EncoderInputError(
                 f"config predicts {len(self.config.targets)} quantities, but views of {', '.join(self.tasks)} have"

@@ -13,7 +13,8 @@ from thalweg.encoder.checkpoint import check_folder
 from thalweg.encoder.training import ENCODER_FOLDER
 from thalweg.render import RENDER_VERSION
 from thalweg.train.encoder import frames as frame_collection
-from thalweg.train.encoder.drawing import Drawing, check_size
+from thalweg.train.encoder.drawing import Drawing
+from thalweg.train.encoder_of_run import check_size_fits
 from thalweg.world import Reach, level_named
 
 
@@ -54,7 +55,7 @@ def collect_and_train(
     if len(seeds) > images + held_out:
         raise EncoderInputError(f"{images + held_out} images of {len(seeds)} rivers: there must be one image of each")
     drawing = drawing or Drawing()
-    check_size(drawing.camera, config.size_px)
+    check_size_fits(drawing.camera, config.size_px, "that is trained", EncoderInputError)
     run = {
         "config": to_plain(config),
         "epochs": epochs,

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.frame_renderer import Views
 from thalweg.env.pilot.steady import MOVES
 from thalweg.env.rivers.river_list import RiverList
@@ -22,7 +23,6 @@ from thalweg.env.task.progress import sample_rows
 from thalweg.env.tasks import PAPER_TASK, TASKS
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.props import PROP_COLUMNS
-from thalweg.train.encoder.drawing import LEVELS_CAMERA
 from thalweg.train.encoder.targets import targets_of, truths_in
 from thalweg.train.imitation.flights import drawn_looks
 
@@ -73,7 +73,11 @@ class KnownViews(NamedTuple):
 
 
 def flight_views(
-    rivers: RiverList, each: int, seed: int, tasks: Sequence[str] = (PAPER_TASK,), camera: Camera = LEVELS_CAMERA
+    rivers: RiverList,
+    each: int,
+    seed: int,
+    tasks: Sequence[str] = (PAPER_TASK,),
+    camera: Camera = DEFAULT_CONFIG.camera,
 ) -> KnownViews:
     """Return `each` views of every river and task, [R each] of each task together, of disturbed flights from random
     starts; raises `EncoderInputError` for tasks that `targets_of` refuses.
@@ -84,7 +88,11 @@ def flight_views(
 
 
 def start_views(
-    rivers: RiverList, each: int, seed: int, tasks: Sequence[str] = (PAPER_TASK,), camera: Camera = LEVELS_CAMERA
+    rivers: RiverList,
+    each: int,
+    seed: int,
+    tasks: Sequence[str] = (PAPER_TASK,),
+    camera: Camera = DEFAULT_CONFIG.camera,
 ) -> KnownViews:
     """Return `each` views of every river and task, [R each] of each task together, at random starts; raises as
     `flight_views`."""

@@ -24,10 +24,11 @@ from thalweg.encoder.files import FORMAT, EncoderFileError, write_tensors
 from thalweg.encoder.training import epoch_generator, progress_bar, say_resumed, write_rows
 from thalweg.encoder.vae import EncoderInputError
 from thalweg.encoder.water import SIDES, WaterSegmenter, colours_of, mean_iou, save_segmenter, water_in
+from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.render import RENDER_VERSION, Camera, Renderer
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
-from thalweg.train.encoder.drawing import LEVELS_CAMERA, Drawing, size_of
+from thalweg.train.encoder.drawing import Drawing, size_of
 from thalweg.train.encoder.frames import BATCH, clock_times, sample_poses
 from thalweg.train.river import banks_version
 from thalweg.world import level_named, load_or_build
@@ -60,7 +61,7 @@ class WaterTraining:
     """Number of frames for evaluation."""
     epochs: int = 12
     seed: int = 0
-    camera: Camera = LEVELS_CAMERA
+    camera: Camera = DEFAULT_CONFIG.camera
     """Its sides must be multiples of `thalweg.encoder.water.SIDES` pixels."""
     quality: Quality = "full"
     """Quality of the frames of training; those for evaluation are full."""

@@ -13,9 +13,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from findings import results_of
+from headline import Headline, listed
 from headline_pictures import drawn
-from headlines import HERE, STUDY, Headline, algorithms, earlier_versions, flown, headlines, listed
+from headlines import HERE, STUDY, headlines
 from page_sections import replace_section, wrap
+from study_flights import algorithms, earlier_versions, flown
 
 from thalweg.bench.report.policies import evaluated_seeds, limit_met, train_level
 from thalweg.bench.report.table import frame, markdown

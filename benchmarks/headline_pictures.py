@@ -2,7 +2,7 @@
 
 import io
 
-from headlines import Headline
+from headline import Headline
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

@@ -5,100 +5,44 @@ not there yet is left out, and the next takes its place. Which numbers a sentenc
 out.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 from findings import STUDY, results_of
+from headline import Headline, listed
 from scipy import stats
+from study_flights import (
+    FLIES,
+    PLANNER_FLIES,
+    algorithms,
+    by_seed_change,
+    difference,
+    flown,
+    is_whole,
+    least_return,
+    returned,
+    share,
+)
 from task_findings import read_studies
 from task_outcomes import LIMITLESS
 
 from thalweg.algos.registry import ALGORITHMS
-from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.fronts.fronts import FIXED
 from thalweg.bench.report.comparison_tables import return_change
 from thalweg.bench.report.policies import COST_LIMIT, limit_met, train_level
 from thalweg.bench.report.published import PUBLISHED
-from thalweg.bench.results.comparison import matched_scores, mean_difference
-from thalweg.bench.results.inference import Estimate, Proportion, mean_estimate, t_interval, wilson_interval
-from thalweg.bench.results.reading import versions_today
+from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.results import Results
-from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.builtin import STUDIED
-from thalweg.bench.suite.record import arms_of
 
 HERE = Path(__file__).resolve().parent
 GEOMETRY = HERE / "geometry"
 SHOWN = 5
 """Findings at the top of the page."""
-FLIES, PLANNER_FLIES = 8.0, 6.0
-"""Mean return on the training level from which an algorithm counts as flying, and a planner."""
-PLANNERS = ("SafeLOOP", "CCEPETS")
 BASE = "PPO"
 """The algorithm without a limit."""
-
-Episodes = Sequence[Episode]
-
-
-@dataclass(frozen=True)
-class Headline:
-    """A finding."""
-
-    name: str
-    """Name of its picture's file."""
-    title: str
-    sentence: str
-    labels: tuple[str, ...]
-    """Rows of the picture."""
-    series: Mapping[str, tuple[Estimate | None, ...]]
-    """Values of the rows, with None where there is none, by what they are of."""
-    axis: str
-    """What the values are, below the picture."""
-    line: float | None = None
-    """A value that is marked in the picture."""
-    folders: tuple[str, ...] = (STUDY.name,)
-    """Folders of the results that it follows from."""
-
-
-def flown(results: Results, policy: str, condition: str = "") -> Episodes:
-    """Return a policy's flights on the training level; none where it did not fly."""
-    rows = results.condition_episodes.get(condition, []) if condition else results.episodes
-    return group_episodes(rows).get((policy, train_level(results)), [])
-
-
-def algorithms(results: Results) -> list[str]:
-    """Return the algorithms that were flown with their default settings, those of the paper first."""
-    return [name for name in dict.fromkeys((*STUDIED, *ALGORITHMS)) if flown(results, name)]
-
-
-def is_whole(results: Results, policy: str) -> bool:
-    """Return whether every seed of a policy was flown, and there are enough of them for an interval."""
-    rows = flown(results, policy)
-    return bool(rows) and len({row.seed for row in rows}) >= max(3, results.planned_seeds(policy))
-
-
-def least_return(algorithm: str) -> float:
-    """Return the mean return from which an algorithm counts as flying."""
-    return PLANNER_FLIES if algorithm in PLANNERS else FLIES
-
-
-def returned(results: Results, policy: str, condition: str = "") -> Estimate | None:
-    """Return a policy's mean return; None where it did not fly."""
-    rows = flown(results, policy, condition)
-    return mean_estimate(rows, "return_") if rows else None
-
-
-def difference(first: Episodes, second: Episodes, of: str = "return_") -> Estimate:
-    """Return how much greater a field is in the first flights than in the second, from the same starts."""
-    return mean_difference(*matched_scores(first, second, of), of)
-
-
-def listed(parts: Sequence[str]) -> str:
-    """Return parts as an enumeration."""
-    return " and ".join([", ".join(parts[:-1]), parts[-1]]) if len(parts) > 1 else "".join(parts)
 
 
 def who_flies(results: Results) -> Headline:
@@ -212,23 +156,18 @@ def price(folder: Path = HERE) -> Headline | None:
     below = [each.regret.value for each in held]
     sentence = (
         f"In tasks where safety has a price ({listed(tasks)}), the mean cost is within the limit for {len(held)} of"
-        f" {len(every)} pairs of an algorithm and a limit ({_share(len(held), len(every))})."
+        f" {len(every)} pairs of an algorithm and a limit ({share(len(held), len(every))})."
     )
     if below:
         sentence += f" These return {np.median(below):.2f} points (the median) less than the oracle at the same cost."
     shares = [
-        _share(sum(each.holds for each in every if each.algorithm == name), sum(e.algorithm == name for e in every))
+        share(sum(each.holds for each in every if each.algorithm == name), sum(e.algorithm == name for e in every))
         for name in names
     ]
     return Headline(
         "price", "Limits that have a price", sentence, tuple(names), {"held": tuple(shares)},
         "share of limits that are held in the mean", folders=folders,
     )  # fmt: skip
-
-
-def _share(count: int, number: int) -> Proportion:
-    """Return a share with Wilson's interval."""
-    return Proportion(count / number, *wilson_interval(count / number, number))
 
 
 def elsewhere(results: Results) -> Headline | None:
@@ -267,31 +206,6 @@ def _changes(results: Results, names: Sequence[str], condition: str) -> Iterator
             continue
         change = return_change(after, before)
         yield f"{name} {change if isinstance(change, Estimate) else by_seed_change(after, before)}"
-
-
-def by_seed_change(after: Episodes, before: Episodes) -> Estimate:
-    """Return the change of the mean return of seeds, with an interval over them."""
-    seeds = sorted({row.seed for row in after} & {row.seed for row in before})
-    later, earlier = (
-        np.array([np.mean([row.return_ for row in rows if row.seed == seed]) for seed in seeds])
-        for rows in (after, before)
-    )
-    changes = later - earlier
-    return t_interval(float(changes.mean()), changes)
-
-
-def earlier_versions(results: Results) -> list[str]:
-    """Return the versions of the trained policies of results that differ from those of today, with these in brackets;
-    none if none does."""
-    found: dict[str, str] = {}
-    for arm in arms_of(results.suite):
-        for seed in arm["seeds"]:
-            recorded = results.versions.get(f"{arm['name']}-{seed}", {})
-            today = versions_today(results.suite, arm["name"], recorded)
-            for name, version in recorded.items():
-                if today.get(name) != version:
-                    found[name] = f"{name} {version} (today {today.get(name)})"
-    return list(found.values())
 
 
 @cache

@@ -20,7 +20,7 @@ from thalweg.bench.suite.config import Suite
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SCRIPTS = (
-    *("headlines", "headline_pictures", "headline_page", "findings"),
+    *("headline", "study_flights", "headlines", "headline_pictures", "headline_page", "findings"),
     *("task_findings", "task_facts", "task_findings_picture", "task_outcomes"),
 )
 ARMS = (Arm("PPO"), Arm("PPOLag"), Arm("FOCOPS"), Arm("CCEPETS"), Arm("PPO", "paper"))
@@ -116,11 +116,12 @@ def test_what_has_not_been_run_gives_no_finding(script: ModuleType, tmp_path: Pa
 
 
 def test_versions_of_every_arm_are_compared_with_those_of_today(script: ModuleType):
-    today = script.versions_today(SUITE.as_data(), "PPOLag", {})
-    assert script.earlier_versions(replace(study(), versions={"PPOLag-1": today})) == []
+    flights_of = importlib.import_module("study_flights")
+    today = flights_of.versions_today(SUITE.as_data(), "PPOLag", {})
+    assert flights_of.earlier_versions(replace(study(), versions={"PPOLag-1": today})) == []
     older = {"PPOLag-1": today | {"PPOLag": 0}, "hover-0": {"world": 0}}
     told = f"PPOLag 0 (today {today['PPOLag']})"
-    assert script.earlier_versions(replace(study(), versions=older)) == [told]
+    assert flights_of.earlier_versions(replace(study(), versions=older)) == [told]
 
 
 def test_there_are_five_findings_with_what_the_repository_has_today(script: ModuleType):

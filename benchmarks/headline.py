@@ -1,0 +1,33 @@
+"""The record of a finding, and the words of its parts."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from findings import STUDY
+
+from thalweg.bench.results.inference import Estimate
+
+
+@dataclass(frozen=True)
+class Headline:
+    """A finding."""
+
+    name: str
+    """Name of its picture's file."""
+    title: str
+    sentence: str
+    labels: tuple[str, ...]
+    """Rows of the picture."""
+    series: Mapping[str, tuple[Estimate | None, ...]]
+    """Values of the rows, with None where there is none, by what they are of."""
+    axis: str
+    """What the values are, below the picture."""
+    line: float | None = None
+    """A value that is marked in the picture."""
+    folders: tuple[str, ...] = (STUDY.name,)
+    """Folders of the results that it follows from."""
+
+
+def listed(parts: Sequence[str]) -> str:
+    """Return parts as an enumeration."""
+    return " and ".join([", ".join(parts[:-1]), parts[-1]]) if len(parts) > 1 else "".join(parts)

@@ -1,0 +1,85 @@
+"""What findings take from results: flights of policies, their returns, differences and shares, and versions."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from thalweg.algos.registry import ALGORITHMS
+from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.report.policies import train_level
+from thalweg.bench.results.comparison import matched_scores, mean_difference
+from thalweg.bench.results.inference import Estimate, Proportion, mean_estimate, t_interval, wilson_interval
+from thalweg.bench.results.reading import versions_today
+from thalweg.bench.results.results import Results
+from thalweg.bench.results.statistics import group_episodes
+from thalweg.bench.suite.builtin import STUDIED
+from thalweg.bench.suite.record import arms_of
+
+FLIES, PLANNER_FLIES = 8.0, 6.0
+"""Mean return on the training level from which an algorithm counts as flying, and a planner."""
+PLANNERS = ("SafeLOOP", "CCEPETS")
+
+Episodes = Sequence[Episode]
+
+
+def flown(results: Results, policy: str, condition: str = "") -> Episodes:
+    """Return a policy's flights on the training level; none where it did not fly."""
+    rows = results.condition_episodes.get(condition, []) if condition else results.episodes
+    return group_episodes(rows).get((policy, train_level(results)), [])
+
+
+def algorithms(results: Results) -> list[str]:
+    """Return the algorithms that were flown with their default settings, those of the paper first."""
+    return [name for name in dict.fromkeys((*STUDIED, *ALGORITHMS)) if flown(results, name)]
+
+
+def is_whole(results: Results, policy: str) -> bool:
+    """Return whether every seed of a policy was flown, and there are enough of them for an interval."""
+    rows = flown(results, policy)
+    return bool(rows) and len({row.seed for row in rows}) >= max(3, results.planned_seeds(policy))
+
+
+def least_return(algorithm: str) -> float:
+    """Return the mean return from which an algorithm counts as flying."""
+    return PLANNER_FLIES if algorithm in PLANNERS else FLIES
+
+
+def returned(results: Results, policy: str, condition: str = "") -> Estimate | None:
+    """Return a policy's mean return; None where it did not fly."""
+    rows = flown(results, policy, condition)
+    return mean_estimate(rows, "return_") if rows else None
+
+
+def difference(first: Episodes, second: Episodes, of: str = "return_") -> Estimate:
+    """Return how much greater a field is in the first flights than in the second, from the same starts."""
+    return mean_difference(*matched_scores(first, second, of), of)
+
+
+def share(count: int, number: int) -> Proportion:
+    """Return a share with Wilson's interval."""
+    return Proportion(count / number, *wilson_interval(count / number, number))
+
+
+def by_seed_change(after: Episodes, before: Episodes) -> Estimate:
+    """Return the change of the mean return of seeds, with an interval over them."""
+    seeds = sorted({row.seed for row in after} & {row.seed for row in before})
+    later, earlier = (
+        np.array([np.mean([row.return_ for row in rows if row.seed == seed]) for seed in seeds])
+        for rows in (after, before)
+    )
+    changes = later - earlier
+    return t_interval(float(changes.mean()), changes)
+
+
+def earlier_versions(results: Results) -> list[str]:
+    """Return the versions of the trained policies of results that differ from those of today, with these in brackets;
+    none if none does."""
+    found: dict[str, str] = {}
+    for arm in arms_of(results.suite):
+        for seed in arm["seeds"]:
+            recorded = results.versions.get(f"{arm['name']}-{seed}", {})
+            today = versions_today(results.suite, arm["name"], recorded)
+            for name, version in recorded.items():
+                if today.get(name) != version:
+                    found[name] = f"{name} {version} (today {today.get(name)})"
+    return list(found.values())

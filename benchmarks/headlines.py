@@ -5,7 +5,7 @@ not there yet is left out, and the next takes its place. Which numbers a sentenc
 out.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -53,15 +53,11 @@ def who_flies(results: Results) -> Headline:
         (name for name in names if found[name].value >= least_return(name)), key=lambda name: -found[name].value
     )
     theirs = {name: PUBLISHED[name, level].return_mean for name in STUDIED}
-    best = max(theirs, key=lambda name: theirs[name])
-    there = sum(theirs[name] >= least_return(name) for name in STUDIED)
     fewer = [name for name in dict.fromkeys((*STUDIED, *names)) if not is_whole(results, name)]
     sentence = (
         f"{len(flying)} of {len(names)} algorithms return at least {FLIES:g} of 10 on {level} (planners"
-        f" {PLANNER_FLIES:g}): {listed([f'{name} {found[name]}' for name in flying]) or 'none'}. In the paper, in"
-        f" another simulator, {there or 'none'} of {len(STUDIED)} did; the most was {theirs[best]:.2f}"
-        f" ({best})."
-    )
+        f" {PLANNER_FLIES:g}): {listed([f'{name} {found[name]}' for name in flying]) or 'none'}."
+    ) + _who_flies_in_the_paper(theirs)
     if fewer:
         sentence += f" Fewer than three seeds: {listed(fewer)}."
     series = {
@@ -70,6 +66,16 @@ def who_flies(results: Results) -> Headline:
     }
     return Headline(
         "who-flies", "Who learns to fly", sentence, tuple(names), series, f"mean return on {level}", line=FLIES
+    )
+
+
+def _who_flies_in_the_paper(theirs: Mapping[str, float]) -> str:
+    """Return what a sentence says of the paper's returns by algorithm."""
+    best = max(theirs, key=lambda name: theirs[name])
+    there = sum(value >= least_return(name) for name, value in theirs.items())
+    return (
+        f" In the paper, in another simulator, {there or 'none'} of {len(theirs)} did; the most was"
+        f" {theirs[best]:.2f} ({best})."
     )
 
 

@@ -5,7 +5,7 @@ from numba import cuda, float32, int32
 
 from thalweg.render.gpu.visible_plants import stored_camera
 from thalweg.render.kernels.props import models
-from thalweg.render.kernels.props.draw import join_boxes
+from thalweg.render.kernels.props.placing import join_boxes
 from thalweg.render.kernels.props.pose import depth_in_view, place_prop
 from thalweg.render.kernels.props.water import fill_zone
 from thalweg.render.records.props import MOST_PROPS
@@ -21,7 +21,7 @@ def place(scene, views, settings, cameras, moments, props, parts, numbers, boxes
     """One block a camera: its props [N, P, PROP_COLUMNS] in view, near to far; how many there are goes to counts [N].
 
     parts [N, P * MOST_PARTS, PART_COLUMNS]: those of the k-th begin at k * MOST_PARTS; numbers [N, P, 2] int32: which
-    prop it is, and its parts; boxes [N, P, 4] and zones [N, P, 8] int32: of `draw.PlacedProps` and `water.Stirred`.
+    prop it is, and its parts; boxes [N, P, 4] and zones [N, P, 8] int32: of `placing.PlacedProps` and `water.Stirred`.
     """
     n = cuda.blockIdx.x
     p = cuda.threadIdx.x

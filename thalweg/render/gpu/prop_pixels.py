@@ -25,9 +25,7 @@ from thalweg.render.kernels.props.layers import (
     total_cover,
     uncut_share,
 )
-from thalweg.render.kernels.props.paint import sight_radiance
-from thalweg.render.kernels.props.pose import C0, C1, FADE, R0, R1, SHAPE, TAPER, solid_ray
-from thalweg.render.kernels.props.reflections import (
+from thalweg.render.kernels.props.mirror_rays import (
     mapped_ray,
     mirrored_radiance,
     mirrored_strength,
@@ -36,6 +34,8 @@ from thalweg.render.kernels.props.reflections import (
     stopped,
     water_ray,
 )
+from thalweg.render.kernels.props.paint import sight_radiance
+from thalweg.render.kernels.props.pose import C0, C1, FADE, R0, R1, SHAPE, TAPER, solid_ray
 from thalweg.render.kernels.props.solids import meet_solid
 from thalweg.render.kernels.props.water import add_waves
 from thalweg.render.kernels.shading import mirror, sky, water

@@ -15,8 +15,9 @@ from thalweg.render.kernels.bridge_edges import soften_edges
 from thalweg.render.kernels.camera_rays import Radiance, image_x, image_y, ray_direction, row_step
 from thalweg.render.kernels.layers import draw_layers
 from thalweg.render.kernels.plants.draw import draw_plants
-from thalweg.render.kernels.props.draw import draw_props, place_props
+from thalweg.render.kernels.props.draw import draw_props
 from thalweg.render.kernels.props.marks import hold_marks, release_marks
+from thalweg.render.kernels.props.placing import place_props
 from thalweg.render.kernels.props.water import hold_water, release_water
 from thalweg.render.kernels.shading import tone
 from thalweg.render.kernels.shading.background import shade

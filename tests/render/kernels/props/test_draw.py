@@ -10,7 +10,7 @@ from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.kernels.camera_rays import pose_camera
 from thalweg.render.kernels.props import marks as columns
 from thalweg.render.kernels.props import models
-from thalweg.render.kernels.props.draw import draw_props, place_props
+from thalweg.render.kernels.props.draw import draw_props
 from thalweg.render.kernels.props.layers import (
     HALF,
     LEAST_COVER,
@@ -24,6 +24,7 @@ from thalweg.render.kernels.props.layers import (
     uncut_share,
 )
 from thalweg.render.kernels.props.paint import sight_radiance
+from thalweg.render.kernels.props.placing import place_props
 from thalweg.render.kernels.props.pose import C0, C1, FADE, R0, R1, SHAPE, TAPER, solid_ray
 from thalweg.render.kernels.props.solids import meet_solid
 from thalweg.render.kernels.shading.background import CHUNK

@@ -31,18 +31,16 @@ from thalweg.render.kernels.props.layers import (
 from thalweg.render.kernels.props.marks import MARK_COLUMNS, mark
 from thalweg.render.kernels.props.models import CONE, CUBE
 from thalweg.render.kernels.props.paint import sight_radiance
+from thalweg.render.kernels.props.placing import pixels_of
 from thalweg.render.kernels.props.pose import (
     C0,
     C1,
     FADE,
-    PART_COLUMNS,
     R0,
     R1,
     SHAPE,
     TAPER,
-    place_prop,
     solid_ray,
-    sort_in_view,
 )
 from thalweg.render.kernels.props.rays import any_at_least, empty_part_rays, hit_of, put_hit
 from thalweg.render.kernels.props.solids import meet_cone, meet_cube, meet_sphere
@@ -52,19 +50,6 @@ from thalweg.render.records.props import CLASS_OFFSET, KIND
 from thalweg.render.records.view import COLOURS, LANES, MASK
 
 f32 = np.float32
-
-
-class PlacedProps(NamedTuple):
-    """The props in view of a frame, near to far, K of them."""
-
-    parts: Any
-    """[K * MOST_PARTS, PART_COLUMNS] float32; those of prop k begin at k * MOST_PARTS."""
-    counts: Any
-    """[K] int32, parts of each."""
-    numbers: Any
-    """[K] int32, which of the frame's props each is."""
-    boxes: Any
-    """[K, 4] int32, columns from, to and rows from, to of the image that each may touch."""
 
 
 class Tile(NamedTuple):
@@ -90,42 +75,6 @@ class TileBox(NamedTuple):
 
 
 @kernel
-def place_props(scene, view, props):
-    """Return the `PlacedProps` of a view; props: [P, PROP_COLUMNS]."""
-    order = np.empty(len(props), np.int32)
-    count = sort_in_view(props, view.camera, order, np.empty(len(props), np.float32))
-    placed = PlacedProps(
-        np.empty((count * models.MOST_PARTS, PART_COLUMNS), np.float32),
-        np.empty(count, np.int32), order[:count], np.empty((count, 4), np.int32),
-    )  # fmt: skip
-    place_in_order(scene, view, props, placed)
-    return placed
-
-
-@kernel(inlined=True, allocates=False)
-def place_in_order(scene, view, props, placed):
-    """Fill the parts, counts and boxes of `PlacedProps` whose numbers are there."""
-    for k in range(len(placed.counts)):
-        first = k * models.MOST_PARTS
-        parts = placed.parts[first : first + models.MOST_PARTS]
-        placed.counts[k] = place_prop(scene, view, props[placed.numbers[k]], parts)
-        join_boxes(parts, placed.counts[k], placed.boxes[k])
-
-
-@kernel(inlined=True, allocates=False)
-def join_boxes(parts, count, box):
-    """Fill box [4] with the rectangle around those of the first `count` of placed parts."""
-    far = int32(1 << 30)
-    c0, c1, r0, r1 = far, int32(0), far, int32(0)
-    for k in range(count):
-        # An empty rectangle touches nothing.
-        if parts[k, C0] < parts[k, C1] and parts[k, R0] < parts[k, R1]:
-            c0, c1 = min(c0, int32(parts[k, C0])), max(c1, int32(parts[k, C1]))
-            r0, r1 = min(r0, int32(parts[k, R0])), max(r1, int32(parts[k, R1]))
-    box[0], box[1], box[2], box[3] = min(c0, c1), c1, min(r0, r1), r1
-
-
-@kernel
 def empty_tile(some):
     """Return a `Tile` without values; if not some, without any room."""
     size = CHUNK + LANES if some else 0
@@ -147,16 +96,6 @@ def draw_props(scene, view, props, placed, top, drawn, depth, kind):
     tile, work = empty_tile(pixels > 0), empty_part_rays(pixels > 0)
     met = meet_props(scene, view, props, placed, top, drawn, depth, kind, tile, work, marks)
     return marks[:met]
-
-
-@kernel(inlined=True, allocates=False)
-def pixels_of(boxes, top, rows):
-    """Return how many pixels boxes [K, 4] have together within so many rows from `top` on."""
-    pixels = 0
-    for k in range(len(boxes)):
-        _, _, _, _, size = rows_of_box(boxes[k], top, rows)
-        pixels += size
-    return pixels
 
 
 @kernel(allocates=False)

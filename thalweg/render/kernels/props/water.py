@@ -16,8 +16,9 @@ from thalweg.render.kernels.camera_rays import HitPoints, Radiance, hit_points, 
 from thalweg.render.kernels.fast_math import floor
 from thalweg.render.kernels.props import models
 from thalweg.render.kernels.props.boxes import pixel_box, rows_of_box, seen_at
+from thalweg.render.kernels.props.mirror_rays import MIRRORED_M
 from thalweg.render.kernels.props.pose import FADE, depth_of, mirror_box
-from thalweg.render.kernels.props.reflections import MIRRORED_M, aim_mirrored, empty_mirror_scratch, mirror_prop
+from thalweg.render.kernels.props.reflections import aim_mirrored, empty_mirror_scratch, mirror_prop
 from thalweg.render.kernels.shading import mirror, sky, water
 from thalweg.render.kernels.shading.background import CHUNK, SEEN, SHORE_M, fill_up
 from thalweg.render.kernels.shading.water_optics import footprint, mirrored_ray

@@ -21,6 +21,7 @@ from thalweg.render.kernels.props.layers import (
     seen_depth,
     sharpness,
     total_cover,
+    total_radiance,
     uncut_share,
 )
 from thalweg.render.kernels.props.paint import sight_radiance
@@ -72,10 +73,11 @@ def one_by_one(scene, settings, pose, look, props, depth, kind, shown):
                 cover = total_cover(layers)
                 if cover < f32(LEAST_COVER):
                     continue
-                rest, left = f32(1) - layers.cover, f32(1) - shown[r, c, 0]
-                shown[r, c, 1] += left * (layers.red + rest * layers.back_red)
-                shown[r, c, 2] += left * (layers.green + rest * layers.back_green)
-                shown[r, c, 3] += left * (layers.blue + rest * layers.back_blue)
+                left = f32(1) - shown[r, c, 0]
+                red, green, blue = total_radiance(layers)
+                shown[r, c, 1] += left * red
+                shown[r, c, 2] += left * green
+                shown[r, c, 3] += left * blue
                 shown[r, c, 0] += left * cover
                 if cover >= f32(HALF):
                     depth[r, c] = seen_depth(layers, cover)

@@ -4,7 +4,7 @@ import numpy as np
 from numba import int32
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.camera_rays import column_of, row_of, row_step
 from thalweg.render.kernels.props.turns import turned
 from thalweg.render.kernels.table_lookup import clamp
 
@@ -103,6 +103,6 @@ def rows_of_box(box, top, rows):
 @kernel(inlined=True, allocates=False)
 def within_box(box, top, place):
     """Return whether a place, whose row is counted from row `top` of the image, is in a rectangle of pixels [4]."""
-    r = int32(top) + (place >> int32(16))
-    c = place & int32(0xFFFF)
+    r = int32(top) + row_of(place)
+    c = column_of(place)
     return (c >= box[0]) & (c < box[1]) & (r >= box[2]) & (r < box[3])

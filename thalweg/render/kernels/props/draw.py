@@ -12,7 +12,7 @@ import numpy as np
 from numba import int32
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.kernels.camera_rays import place_of, row_step
+from thalweg.render.kernels.camera_rays import column_of, place_of, row_of, row_step
 from thalweg.render.kernels.props import models
 from thalweg.render.kernels.props.boxes import rows_of_box
 from thalweg.render.kernels.props.layers import (
@@ -65,7 +65,7 @@ class Tile(NamedTuple):
     """`Layers` of arrays."""
 
 
-class TileBox(NamedTuple):
+class TileArea(NamedTuple):
     """Where a tile is: rows from, to, counted from the first drawn one, and columns from, to."""
 
     r0: Any
@@ -116,20 +116,20 @@ def meet_props(scene, view, props, placed, top, drawn, depth, kind, tile, work, 
         high = int32(CHUNK) // wide
         for left in range(c0, c1, wide):
             for upper in range(r0, r1, high):
-                box = TileBox(int32(upper), int32(min(upper + high, r1)), int32(left), int32(min(left + wide, c1)))
-                fill_tile(view.camera, top, box, drawn, depth, kind, tile)
+                area = TileArea(int32(upper), int32(min(upper + high, r1)), int32(left), int32(min(left + wide, c1)))
+                fill_tile(view.camera, top, area, drawn, depth, kind, tile)
                 for j in range(len(parts)):
-                    draw_part(scene, view, parts[j], top, box, drawn, tile, work)
-                n = mark_tile(box, own, drawn, tile, depth, kind, marks, n)
+                    draw_part(scene, view, parts[j], top, area, drawn, tile, work)
+                n = mark_tile(area, own, drawn, tile, depth, kind, marks, n)
     return n
 
 
 @kernel(inlined=True, allocates=False)
-def fill_tile(camera, top, box, drawn, depth, kind, tile):
-    """Fill the `Tile` of a `TileBox` from depth and kind [R, W'], without any part of a prop."""
+def fill_tile(camera, top, area, drawn, depth, kind, tile):
+    """Fill the `Tile` of a `TileArea` from depth and kind [R, W'], without any part of a prop."""
     n = 0
-    for r in range(box.r0, box.r1):
-        for c in range(box.c0, box.c1):
+    for r in range(area.r0, area.r1):
+        for c in range(area.c0, area.c1):
             on_water = kind[r, c] == np.uint8(WATER)
             tile.places[n] = place_of(int32(r), int32(c))
             # Where there is no water, a mask stays as it is: nothing is before what lies behind the camera.
@@ -168,16 +168,17 @@ def layers_of(layers, i):
 
 
 @kernel(inlined=True, allocates=False)
-def index_of(box, place):
+def index_of(area, place):
     """Return which pixel of a tile the one at a place is."""
-    return ((place >> int32(16)) - box.r0) * (box.c1 - box.c0) + (place & int32(0xFFFF)) - box.c0
+    return (row_of(place) - area.r0) * (area.c1 - area.c0) + column_of(place) - area.c0
 
 
 @kernel(inlined=True, allocates=False)
-def draw_part(scene, view, part, top, box, drawn, tile, work):
+def draw_part(scene, view, part, top, area, drawn, tile, work):
     """Add a placed part [PART_COLUMNS] to the `Layers` of a `Tile`; work: `PartRays`."""
-    count = list_pixels(part, top, box, work.keys)
-    # Met once, and what sees the part a second time, to be painted.
+    count = list_pixels(part, top, area, work.keys)
+    # A loop, so that the compiler inlines all that meets a part once: it is most of the code of props.
+    # All rays meet it first. Those that see it meet it once more, side by side, to be painted.
     for painted in range(2 if drawn == COLOURS else 1):
         if count == 0:
             return
@@ -186,16 +187,16 @@ def draw_part(scene, view, part, top, box, drawn, tile, work):
         if painted:
             paint_pixels(scene, view, part, row_step(view.camera), top, work.keys, work.hits, work.out, n)
         else:
-            count = keep_seen(view.camera, part[FADE], box, tile, work, count)
-    add_hits(box, tile.layers, work, drawn == COLOURS, count)
+            count = keep_seen_pixels(view.camera, part[FADE], area, tile, work, count)
+    add_hits(area, tile.layers, work, drawn == COLOURS, count)
 
 
 @kernel(inlined=True, allocates=False)
-def list_pixels(part, top, box, places):
-    """Fill places with those of the pixels of a `TileBox` that a placed part may touch; returns how many there are."""
+def list_pixels(part, top, area, places):
+    """Fill places with those of the pixels of a `TileArea` that a placed part may touch; returns how many there are."""
     n = 0
-    for r in range(max(int32(part[R0]) - int32(top), box.r0), min(int32(part[R1]) - int32(top), box.r1)):
-        for c in range(max(int32(part[C0]), box.c0), min(int32(part[C1]), box.c1)):
+    for r in range(max(int32(part[R0]) - int32(top), area.r0), min(int32(part[R1]) - int32(top), area.r1)):
+        for c in range(max(int32(part[C0]), area.c0), min(int32(part[C1]), area.c1)):
             places[n] = place_of(int32(r), int32(c))
             n += 1
     return n
@@ -224,14 +225,14 @@ def ray_to(camera, part, top, place):
 
 
 @kernel(inlined=True, allocates=False)
-def keep_seen(camera, fade, box, tile, work, count):
+def keep_seen_pixels(camera, fade, area, tile, work, count):
     """Move the keys of those of `count` rays of `PartRays` that see a part to the front, with its cover, which is
     reduced by `FADE` and by what the `Tile` has behind it, and t; returns how many there are."""
     kept = int32(0)
     for first in range(0, count, LANES):
         if any_at_least(work.hits.cover, first, f32(LEAST_COVER)):
             for i in range(first, min(first + LANES, count)):
-                at, t = index_of(box, work.keys[i]), work.hits.t[i]
+                at, t = index_of(area, work.keys[i]), work.hits.t[i]
                 cover = work.hits.cover[i] * fade * uncut_share(camera, t, tile.behind[at], tile.sharp[at])
                 # Written in any case, and kept by counting it.
                 work.keys[kept], work.cover[kept], work.t[kept] = work.keys[i], cover, t
@@ -249,10 +250,10 @@ def paint_pixels(scene, view, part, pixel, top, places, hits, out, n):
 
 
 @kernel(inlined=True, allocates=False)
-def add_hits(box, layers, work, coloured, count):
+def add_hits(area, layers, work, coloured, count):
     """Add the first `count` of the rays that `PartRays` keep, painted if coloured, to the `Layers` of a tile."""
     for i in range(count):
-        at = index_of(box, work.keys[i])
+        at = index_of(area, work.keys[i])
         found = layers_of(layers, at)
         cover, t = work.cover[i], work.t[i]
         share = f32(0) if not coloured or is_hidden(found, t) else cover
@@ -263,12 +264,12 @@ def add_hits(box, layers, work, coloured, count):
 
 
 @kernel(inlined=True, allocates=False)
-def mark_tile(box, own, drawn, tile, depth, kind, marks, n):
+def mark_tile(area, own, drawn, tile, depth, kind, marks, n):
     """Append the pixels of a `Tile` to the n marks, and set depth and kind [R, W']; returns how many marks there are
     then. own: the prop's class."""
     at = 0
-    for r in range(box.r0, box.r1):
-        for c in range(box.c0, box.c1):
+    for r in range(area.r0, area.r1):
+        for c in range(area.c0, area.c1):
             layers = layers_of(tile.layers, at)
             at += 1
             cover = total_cover(layers)

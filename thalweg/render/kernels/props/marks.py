@@ -4,6 +4,7 @@ import numpy as np
 from numba import int32
 
 from thalweg.core.compute.jit import kernel
+from thalweg.render.kernels.props.layers import total_radiance
 
 f32 = np.float32
 
@@ -17,13 +18,10 @@ MARK_COLUMNS = 11
 @kernel(inlined=True, allocates=False)
 def mark(row, r, c, cover, layers, depth, kind, at, own):
     """Fill a mark [MARK_COLUMNS]."""
-    rest = f32(1) - layers.cover
     row[ROW] = f32(r)
     row[COLUMN] = f32(c)
     row[COVER] = cover
-    row[RED] = layers.red + rest * layers.back_red
-    row[GREEN] = layers.green + rest * layers.back_green
-    row[BLUE] = layers.blue + rest * layers.back_blue
+    row[RED], row[GREEN], row[BLUE] = total_radiance(layers)
     row[DEPTH_BEHIND] = depth
     row[KIND_BEHIND] = f32(int32(kind))
     row[DEPTH] = at

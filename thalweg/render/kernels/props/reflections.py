@@ -125,14 +125,14 @@ def meet_near(camera, part, scratch, n):
         meet_mirrored(camera, part, scratch.rays, work.hits, first, end - first)
         for block in range(first, end, LANES):
             if any_at_least(work.hits.cover, block, f32(LEAST_COVER)):
-                kept = keep_seen(scratch, block, kept)
+                kept = keep_seen_rays(scratch, block, kept)
         # Whole vectors that are all beside it are left out.
         first = end + LANES
     return kept
 
 
 @kernel(inlined=True, allocates=False)
-def keep_seen(scratch, block, kept):
+def keep_seen_rays(scratch, block, kept):
     """Keep those of `LANES` rays from number `block` on that are near a part and see it, after so many that are kept
     already; returns how many there are then."""
     work = scratch.work

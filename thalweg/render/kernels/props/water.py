@@ -12,7 +12,16 @@ import numpy as np
 from numba import int32
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.kernels.camera_rays import HitPoints, Radiance, hit_points, map_origin, place_of, row_step
+from thalweg.render.kernels.camera_rays import (
+    HitPoints,
+    Radiance,
+    column_of,
+    hit_points,
+    map_origin,
+    place_of,
+    row_of,
+    row_step,
+)
 from thalweg.render.kernels.fast_math import floor
 from thalweg.render.kernels.props import models
 from thalweg.render.kernels.props.boxes import pixel_box, rows_of_box, seen_at
@@ -59,13 +68,17 @@ class StirredScratch(NamedTuple):
     """Scratch for `CHUNK` pixels of water."""
 
     depth: Any
+    """[CHUNK] float32, metres along the optical axis."""
     places: Any
+    """[CHUNK + LANES] int32, as `Stirred.places`, filled up to whole vectors."""
     points: Any
+    """`HitPoints` [CHUNK]."""
     out: Any
+    """`Radiance` [CHUNK]."""
     work: Any
-    """A `water.WaterScratch`."""
+    """A `water.WaterScratch` for `CHUNK` points."""
     rays: Any
-    """A `reflections.MirrorScratch`."""
+    """A `reflections.MirrorScratch`, whose arrays are [CHUNK + LANES]."""
 
 
 @kernel(inlined=True, allocates=False)
@@ -184,12 +197,12 @@ def shade_stirred(scene, view, props, placed, top, stirred, scratch, rows):
                 places[i] = stirred.places[begin + i]
             padded = fill_up(places, n)
             for i in range(padded):
-                depth[i] = rows.depth[places[i] >> int32(16), places[i] & int32(0xFFFF)]
+                depth[i] = rows.depth[row_of(places[i]), column_of(places[i])]
             hit_points(camera, origin, inv_cell, top, places, depth, points, padded)
             shade_chunk(scene, view, props, placed, top, stirred.zones, k, pixel, scratch, padded)
             sky.add_haze(scene, view, points, out, padded)
             for i in range(n):
-                r, c = places[i] >> int32(16), places[i] & int32(0xFFFF)
+                r, c = row_of(places[i]), column_of(places[i])
                 light = stirred.light[begin + i]
                 rows.red[r, c] += light * out.red[i]
                 rows.green[r, c] += light * out.green[i]
@@ -262,7 +275,7 @@ def add_waves(scene, view, prop, box, top, places, points, pixel, surface, n):
         side = dy * cos - dx * sin
         away = math.sqrt(back * back + side * side) + f32(1e-4)
         far = away - wide
-        c, r = places[i] & int32(0xFFFF), places[i] >> int32(16)
+        c, r = column_of(places[i]), row_of(places[i])
         inside = (c >= c0) & (c < c1) & (r >= r0) & (r < r1) & (far > f32(0))
         # What is finer than two pixels is seen as roughness.
         foot = footprint(distance[i], pixel, sight_z[i])

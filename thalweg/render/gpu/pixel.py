@@ -43,7 +43,7 @@ def tracer(reduced: bool, drawn: int, with_props: bool = False) -> Callable:
         """One block a tile (x) of a camera (y): fill `Buffers` [N, H, W].
 
         moments: of `visible_plants.place_cameras`; nearness: of `ground_profiles.find_nearness`; plants: order,
-        distance, boxes, counts of `visible_plants.find`; props: their rows, and what `placed_props.place` fills.
+        distance, boxes, counts of `visible_plants.find`; props: their rows, and what `posed_props.pose` fills.
         """
         n = cuda.blockIdx.y
         height, width = buffers.kind.shape[1:]

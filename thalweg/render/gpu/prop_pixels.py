@@ -106,7 +106,7 @@ def meet_props_at_pixel(scene, view, props, n, touched, r, c, depth, kind, only_
 
 @kernel(inlined=True)
 def meet_parts(scene, view, parts, row, column, behind, on_water, coloured):
-    """Return the `Layers` of placed parts in a pixel of the image.
+    """Return the `Layers` of posed parts in a pixel of the image.
 
     behind: depth of what they are before, which is water if on_water; coloured: whether their radiance counts.
     """
@@ -122,7 +122,7 @@ def meet_parts(scene, view, parts, row, column, behind, on_water, coloured):
 
 @kernel(inlined=True)
 def with_part(scene, view, part, sight, behind, sharp, coloured, layers):
-    """Return `Layers` with a placed part added if a `PixelSight` meets it; behind, sharp: as in `uncut_share`."""
+    """Return `Layers` with a posed part added if a `PixelSight` meets it; behind, sharp: as in `uncut_share`."""
     camera = view.camera
     hit = meet_solid(part[SHAPE], part[TAPER], solid_ray(part, camera, sight.sx, sight.sy))
     cover = hit.cover * part[FADE] * uncut_share(camera, hit.t, behind, sharp)
@@ -191,7 +191,7 @@ def shade_stirred_at_pixel(scene, view, props, n, stirred, r, c, depth, out):
 def mirror_prop_at_pixel(scene, view, prop, parts, points, surface, mirrored):
     """Put a prop before what the mirrored ray of a `water.Surface` [1] at `HitPoints` [1] meets, in `Mirrored` [1].
 
-    parts: its placed ones.
+    parts: its posed ones.
     """
     camera = view.camera
     pixel = row_step(camera)

@@ -68,7 +68,7 @@ def box_corner(turn, half_x, half_y, half_z, corner):
 
 @kernel(inlined=True, allocates=False)
 def seen_at(camera, px, py, pz):
-    """Return the depth of a point at px, py, pz metres from the camera, and its place on the image plane."""
+    """Return the depth of a point at px, py, pz metres from the camera, and its position on the image plane."""
     ahead = px * camera.forward_x + py * camera.forward_y + pz * camera.forward_z
     inverse = f32(1) / max(ahead, f32(0.01))
     sx = (px * camera.right_x + py * camera.right_y) * inverse

@@ -31,7 +31,6 @@ from thalweg.render.kernels.props.layers import (
 from thalweg.render.kernels.props.marks import MARK_COLUMNS, mark
 from thalweg.render.kernels.props.models import CONE, CUBE
 from thalweg.render.kernels.props.paint import sight_radiance
-from thalweg.render.kernels.props.placing import pixels_of
 from thalweg.render.kernels.props.pose import (
     C0,
     C1,
@@ -42,6 +41,7 @@ from thalweg.render.kernels.props.pose import (
     TAPER,
     solid_ray,
 )
+from thalweg.render.kernels.props.posed_props import pixels_of
 from thalweg.render.kernels.props.rays import any_at_least, empty_part_rays, hit_of, put_hit
 from thalweg.render.kernels.props.solids import meet_cone, meet_cube, meet_sphere
 from thalweg.render.kernels.shading.background import CHUNK, fill_up
@@ -84,34 +84,34 @@ def empty_tile(some):
 
 
 @kernel
-def draw_props(scene, view, props, placed, top, drawn, depth, kind):
+def draw_props(scene, view, props, posed, top, drawn, depth, kind):
     """Set depth and kind [R, W'] where a prop covers half of a pixel; returns the marks [M, MARK_COLUMNS] of all pixels
     that show any of one, near props first.
 
-    placed: the `PlacedProps` of the view. drawn: see `Output`; without colours there are no marks, and for a mask only
+    posed: the `PosedProps` of the view. drawn: see `Output`; without colours there are no marks, and for a mask only
     pixels that show water count.
     """
-    pixels = pixels_of(placed.boxes, top, len(depth))
+    pixels = pixels_of(posed.boxes, top, len(depth))
     marks = np.empty((pixels if drawn == COLOURS else 0, MARK_COLUMNS), np.float32)
     tile, work = empty_tile(pixels > 0), empty_part_rays(pixels > 0)
-    met = meet_props(scene, view, props, placed, top, drawn, depth, kind, tile, work, marks)
+    met = meet_props(scene, view, props, posed, top, drawn, depth, kind, tile, work, marks)
     return marks[:met]
 
 
 @kernel(allocates=False)
-def meet_props(scene, view, props, placed, top, drawn, depth, kind, tile, work, marks):
+def meet_props(scene, view, props, posed, top, drawn, depth, kind, tile, work, marks):
     """Fill marks, of `draw_props`, and set depth and kind [R, W']; returns how many marks there are.
 
     tile: a `Tile`; work: `PartRays`.
     """
     n = 0
-    for k in range(len(placed.counts)):
-        c0, c1, r0, r1, size = rows_of_box(placed.boxes[k], top, len(depth))
+    for k in range(len(posed.counts)):
+        c0, c1, r0, r1, size = rows_of_box(posed.boxes[k], top, len(depth))
         if size == 0:
             continue
         first = k * models.MOST_PARTS
-        parts = placed.parts[first : first + placed.counts[k]]
-        own = np.uint8(int32(props[placed.numbers[k], KIND]) + int32(CLASS_OFFSET))
+        parts = posed.parts[first : first + posed.counts[k]]
+        own = np.uint8(int32(props[posed.numbers[k], KIND]) + int32(CLASS_OFFSET))
         wide = min(c1 - c0, int32(CHUNK))
         high = int32(CHUNK) // wide
         for left in range(c0, c1, wide):
@@ -175,10 +175,10 @@ def index_of(area, place):
 
 @kernel(inlined=True, allocates=False)
 def draw_part(scene, view, part, top, area, drawn, tile, work):
-    """Add a placed part [PART_COLUMNS] to the `Layers` of a `Tile`; work: `PartRays`."""
+    """Add a posed part [PART_COLUMNS] to the `Layers` of a `Tile`; work: `PartRays`."""
     count = list_pixels(part, top, area, work.keys)
-    # A loop, so that the compiler inlines all that meets a part once: it is most of the code of props.
-    # All rays meet it first. Those that see it meet it once more, side by side, to be painted.
+    # All rays meet the part; then those that see it meet it once more, side by side, to be painted. Two calls in a row
+    # would inline the three solids twice, and compile for longer: a loop has them once.
     for painted in range(2 if drawn == COLOURS else 1):
         if count == 0:
             return
@@ -193,7 +193,7 @@ def draw_part(scene, view, part, top, area, drawn, tile, work):
 
 @kernel(inlined=True, allocates=False)
 def list_pixels(part, top, area, places):
-    """Fill places with those of the pixels of a `TileArea` that a placed part may touch; returns how many there are."""
+    """Fill places with those of the pixels of a `TileArea` that a posed part may touch; returns how many there are."""
     n = 0
     for r in range(max(int32(part[R0]) - int32(top), area.r0), min(int32(part[R1]) - int32(top), area.r1)):
         for c in range(max(int32(part[C0]), area.c0), min(int32(part[C1]), area.c1)):
@@ -204,7 +204,7 @@ def list_pixels(part, top, area, places):
 
 @kernel(inlined=True, disjoint=True, allocates=False)
 def meet_pixels(camera, part, top, places, hits, n):
-    """Fill hits [n] with those of the rays through the pixels at places [n] with a placed part."""
+    """Fill hits [n] with those of the rays through the pixels at places [n] with a posed part."""
     # One loop for each solid: a choice within a loop would compute all of them.
     if part[SHAPE] == f32(CUBE):
         for i in range(n):
@@ -219,7 +219,7 @@ def meet_pixels(camera, part, top, places, hits, n):
 
 @kernel(inlined=True, allocates=False)
 def ray_to(camera, part, top, place):
-    """Return the `SolidRay` through the pixel at a place in the coordinates of a placed part."""
+    """Return the `SolidRay` through the pixel at a place in the coordinates of a posed part."""
     sight = sight_at(camera, top, place)
     return solid_ray(part, camera, sight.sx, sight.sy)
 
@@ -242,7 +242,7 @@ def keep_seen_pixels(camera, fade, area, tile, work, count):
 
 @kernel(inlined=True, disjoint=True, allocates=False)
 def paint_pixels(scene, view, part, pixel, top, places, hits, out, n):
-    """Fill `Radiance` [n] with that of a placed part where the rays through the pixels at places [n] meet it, at hits
+    """Fill `Radiance` [n] with that of a posed part where the rays through the pixels at places [n] meet it, at hits
     [n]; pixel: height of a pixel at distance one."""
     for i in range(n):
         sight = sight_at(view.camera, top, places[i])

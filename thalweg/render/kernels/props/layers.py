@@ -39,7 +39,7 @@ class Layers(NamedTuple):
 
 
 class PixelSight(NamedTuple):
-    """The ray through a pixel: its place on the image plane, its direction, and the length of that."""
+    """The ray through a pixel: its position on the image plane, its direction, and the length of that."""
 
     sx: Any
     sy: Any

@@ -8,9 +8,9 @@ from thalweg.render.kernels.props.layers import total_radiance
 
 f32 = np.float32
 
-# Columns of a mark, which is a pixel that shows some of a prop: its place, the share that the prop covers, its radiance
-# times that share, what the pixel showed before (depth, class), the prop's depth and class (0 where it covers less than
-# half), and the light that plants let through, which is known later.
+# Columns of a mark, which is a pixel that shows some of a prop: where it is, the share that the prop covers, its
+# radiance times that share, what the pixel showed before (depth, class), the prop's depth and class (0 where it covers
+# less than half), and the light that plants let through, which is known later.
 ROW, COLUMN, COVER, RED, GREEN, BLUE, DEPTH_BEHIND, KIND_BEHIND, DEPTH, CLASS, LIGHT = range(11)
 MARK_COLUMNS = 11
 

@@ -62,7 +62,7 @@ def water_ray(scene, world, points, pixel, surface, i):
 
 @kernel(inlined=True, allocates=False)
 def passes_by(camera, part, ray):
-    """Return whether a `MirrorRay` misses the ball around a placed part, by more than the ray's own width."""
+    """Return whether a `MirrorRay` misses the ball around a posed part, by more than the ray's own width."""
     x = part[MIDDLE] + camera.x - ray.x
     y = part[MIDDLE + 1] + camera.y - ray.y
     z = part[MIDDLE + 2] + camera.z - ray.z
@@ -94,7 +94,7 @@ def narrowed(ray):
 
 @kernel(inlined=True, allocates=False)
 def mapped_ray(camera, part, ray):
-    """Return the `SolidRay` of a `MirrorRay` in the coordinates of a placed part, and the share of its width that
+    """Return the `SolidRay` of a `MirrorRay` in the coordinates of a posed part, and the share of its width that
     `narrowed` leaves."""
     # Two directions across the ray: a level one, and one that is level with neither.
     level = f32(1) / (math.sqrt(ray.dx * ray.dx + ray.dy * ray.dy) + f32(1e-6))
@@ -119,7 +119,7 @@ def stopped(hit, width):
 
 @kernel(inlined=True, allocates=False)
 def mirrored_radiance(scene, view, part, pixel, ray, hit):
-    """Return the radiance (red, green, blue) of a placed part at the `SolidHit` of a `MirrorRay`; pixel: height of a
+    """Return the radiance (red, green, blue) of a posed part at the `SolidHit` of a `MirrorRay`; pixel: height of a
     pixel at distance one."""
     mapped_one, _ = mapped_ray(view.camera, part, ray)
     at = ray.x + ray.dx * hit.t, ray.y + ray.dy * hit.t, ray.z + ray.dz * hit.t

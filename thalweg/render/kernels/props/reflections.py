@@ -81,7 +81,7 @@ def aim_mirrored(scene, world, points, pixel, surface, rays, n):
 def mirror_prop(scene, view, prop, parts, box, top, places, pixel, mirrored, scratch, n):
     """Put a prop before what the mirrored rays of a `MirrorScratch` meet, in `Mirrored` [n].
 
-    parts: its placed ones; box: [4], outside which pixels at places [n] do not mirror it; pixel: height of a pixel at
+    parts: its posed ones; box: [4], outside which pixels at places [n] do not mirror it; pixel: height of a pixel at
     distance one. n is a multiple of `LANES`.
     """
     work = scratch.work
@@ -105,7 +105,7 @@ def mirror_prop(scene, view, prop, parts, box, top, places, pixel, mirrored, scr
 
 @kernel(inlined=True, disjoint=True, allocates=False)
 def find_near(camera, part, box, top, places, rays, near, n):
-    """Fill near [n] with 1 for mirrored rays within a box that do not pass by a placed part, else with 0."""
+    """Fill near [n] with 1 for mirrored rays within a box that do not pass by a posed part, else with 0."""
     for i in range(n):
         beside = passes_by(camera, part, ray_of(rays, i))
         near[i] = f32(1) if within_box(box, top, places[i]) & (not beside) else f32(0)
@@ -113,7 +113,7 @@ def find_near(camera, part, box, top, places, rays, near, n):
 
 @kernel(inlined=True, allocates=False)
 def meet_near(camera, part, scratch, n):
-    """Meet a placed part with those of n rays of a `MirrorScratch` that are near it, and keep those that see it: their
+    """Meet a posed part with those of n rays of a `MirrorScratch` that are near it, and keep those that see it: their
     numbers and covers, and the rays; returns how many there are."""
     work = scratch.work
     kept = int32(0)
@@ -155,7 +155,7 @@ def fill_seen(rays, count):
 
 @kernel(inlined=True, disjoint=True, allocates=False)
 def meet_mirrored(camera, part, rays, hits, first, n):
-    """Fill n of hits, from number `first` on, with those of mirrored rays with a placed part."""
+    """Fill n of hits, from number `first` on, with those of mirrored rays with a posed part."""
     # One loop for each solid: a choice within a loop would compute all of them. An index that might be negative would
     # not vectorise.
     if part[SHAPE] == f32(CUBE):
@@ -177,7 +177,7 @@ def meet_mirrored(camera, part, rays, hits, first, n):
 
 @kernel(inlined=True, disjoint=True, allocates=False)
 def paint_mirrored(scene, view, part, pixel, rays, hits, out, n):
-    """Fill `Radiance` [n] with that of a placed part where mirrored rays [n] meet it, at hits [n]."""
+    """Fill `Radiance` [n] with that of a posed part where mirrored rays [n] meet it, at hits [n]."""
     for i in range(n):
         out.red[i], out.green[i], out.blue[i] = mirrored_radiance(
             scene, view, part, pixel, ray_of(rays, i), hit_of(hits, i)

@@ -1,4 +1,4 @@
-"""Kernels that place the props of a frame: those in view, near to far, and the rectangles of pixels they may touch."""
+"""Kernels that pose the props of a frame: those in view, near to far, and the rectangles of pixels they may touch."""
 
 from typing import Any, NamedTuple
 
@@ -8,10 +8,10 @@ from numba import int32
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.props import models
 from thalweg.render.kernels.props.boxes import rows_of_box
-from thalweg.render.kernels.props.pose import C0, C1, PART_COLUMNS, R0, R1, place_prop, sort_in_view
+from thalweg.render.kernels.props.pose import C0, C1, PART_COLUMNS, R0, R1, pose_prop, sort_in_view
 
 
-class PlacedProps(NamedTuple):
+class PosedProps(NamedTuple):
     """The props in view of a frame, near to far, K of them."""
 
     parts: Any
@@ -25,31 +25,31 @@ class PlacedProps(NamedTuple):
 
 
 @kernel
-def place_props(scene, view, props):
-    """Return the `PlacedProps` of a view; props: [P, PROP_COLUMNS]."""
+def pose_props(scene, view, props):
+    """Return the `PosedProps` of a view; props: [P, PROP_COLUMNS]."""
     order = np.empty(len(props), np.int32)
     count = sort_in_view(props, view.camera, order, np.empty(len(props), np.float32))
-    placed = PlacedProps(
+    posed = PosedProps(
         np.empty((count * models.MOST_PARTS, PART_COLUMNS), np.float32),
         np.empty(count, np.int32), order[:count], np.empty((count, 4), np.int32),
     )  # fmt: skip
-    place_in_order(scene, view, props, placed)
-    return placed
+    pose_in_order(scene, view, props, posed)
+    return posed
 
 
 @kernel(inlined=True, allocates=False)
-def place_in_order(scene, view, props, placed):
-    """Fill the parts, counts and boxes of `PlacedProps` whose numbers are there."""
-    for k in range(len(placed.counts)):
+def pose_in_order(scene, view, props, posed):
+    """Fill the parts, counts and boxes of `PosedProps` whose numbers are there."""
+    for k in range(len(posed.counts)):
         first = k * models.MOST_PARTS
-        parts = placed.parts[first : first + models.MOST_PARTS]
-        placed.counts[k] = place_prop(scene, view, props[placed.numbers[k]], parts)
-        join_boxes(parts, placed.counts[k], placed.boxes[k])
+        parts = posed.parts[first : first + models.MOST_PARTS]
+        posed.counts[k] = pose_prop(scene, view, props[posed.numbers[k]], parts)
+        join_boxes(parts, posed.counts[k], posed.boxes[k])
 
 
 @kernel(inlined=True, allocates=False)
 def join_boxes(parts, count, box):
-    """Fill box [4] with the rectangle around those of the first `count` of placed parts."""
+    """Fill box [4] with the rectangle around those of the first `count` of posed parts."""
     far = int32(1 << 30)
     c0, c1, r0, r1 = far, int32(0), far, int32(0)
     for k in range(count):

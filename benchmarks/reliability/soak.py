@@ -169,10 +169,13 @@ def fly(worlds: Sequence[World], config: EnvConfig, steps: int, seed: int, vehic
 
 
 def soak_steps(piece: int, rivers: int, steps: int, vehicles: int = VEHICLES) -> Iterator[str]:
-    """Yield the faults of a piece of steps."""
+    """Yield the faults of a piece of steps; a vehicle that fits none of its rivers is one."""
     configs = cases()
     for index, config in enumerate(configs):
         worlds = worlds_for(piece, rivers, config)
+        if not worlds:  # a piece without it would count as flown
+            yield f"{config.vehicle} {config.task}: not flown, since it fits none of the {rivers} rivers"
+            continue
         watch = fly(worlds, config, steps // len(configs), piece * len(configs) + index, vehicles)
         yield from (f"{config.vehicle} {config.task}: {fault}" for fault in watch.faults)
 

@@ -53,7 +53,9 @@ def finished_flights(path: Path) -> list[dict[str, Any]]:
     notes = [(file, _read(file)) for file in sorted(journal.glob("*.json"))]
     for file, note in notes:
         if not all(type(note.get(name)) is int for name in ("steps", "reason")):
-            raise DatasetError(f"{file} is damaged: it lacks the steps or the reason of a flight{_begin_anew(file)}")
+            raise DatasetError(
+                f"{file} is damaged: it lacks the steps or the reason of a flight{_advice_on_damage(file)}"
+            )
     return [note for _, note in notes]
 
 
@@ -121,13 +123,15 @@ def _read(file: Path) -> dict[str, Any]:
     try:
         data = json.loads(file.read_text(encoding="utf-8"))
     except (ValueError, RecursionError) as error:  # also for bytes that are no text
-        raise DatasetError(f"{file} is damaged ({error}){_begin_anew(file)}") from error
+        raise DatasetError(f"{file} is damaged ({error}){_advice_on_damage(file)}") from error
     if not isinstance(data, dict):
-        raise DatasetError(f"{file} is damaged: it holds a {type(data).__name__}, not a mapping{_begin_anew(file)}")
+        raise DatasetError(
+            f"{file} is damaged: it holds a {type(data).__name__}, not a mapping{_advice_on_damage(file)}"
+        )
     return data
 
 
-def _begin_anew(file: Path) -> str:
+def _advice_on_damage(file: Path) -> str:
     """Return what to do about a damaged file of a draft."""
     draft = next(folder for folder in file.parents if folder.name != JOURNAL)
     return f": remove the folder {draft}, which an interrupted recording left, to record anew, or name another --out"

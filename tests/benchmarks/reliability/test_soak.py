@@ -42,6 +42,21 @@ def test_rivers_that_the_boat_does_not_fit_are_left_out(soak: ModuleType, monkey
     assert 30002 not in [world.seed for world in found] and len(found) < 3
 
 
+def test_a_vehicle_that_fits_no_river_of_a_piece_is_not_counted_as_flown(
+    soak: ModuleType, monkeypatch: pytest.MonkeyPatch
+):
+    flown, ring = [], handmade.ring()
+    monkeypatch.setattr(soak, "worlds_for", lambda piece, rivers, config: [ring] * (config.vehicle == "uav"))
+
+    def fly(worlds: list[World], config: EnvConfig, *_: int) -> SimpleNamespace:
+        flown.append((config.vehicle, len(worlds)))
+        return SimpleNamespace(faults=[])
+
+    monkeypatch.setattr(soak, "fly", fly)
+    assert list(soak.soak_steps(0, 3, 100)) == ["asv River: not flown, since it fits none of the 3 rivers"]
+    assert flown == [("uav", 1)] * 5
+
+
 @pytest.mark.parametrize("closed", [True, False], ids=["loop", "open"])
 def test_a_flight_of_sound_rules_has_no_fault(closed: bool, soak: ModuleType):
     world = handmade.ring() if closed else handmade.canal(length_m=60.0)

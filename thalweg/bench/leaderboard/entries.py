@@ -6,42 +6,24 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.leaderboard.requirements import (
-    LEVEL,
-    UNSEEN,
-    Flights,
-    counted,
-    missing_flights,
-    missing_of_arm,
-    missing_starts,
-    training_steps,
-)
+from thalweg.bench.leaderboard.policy_entry import PolicyEntry, arm_fields, versions_of
+from thalweg.bench.leaderboard.requirements import LEVEL, UNSEEN, Flights, counted, missing_flights, missing_starts
 from thalweg.bench.report.policies import limit_met, training_regret
 from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.suite.config import PACKAGED, PACKAGED_SEES
-from thalweg.bench.suite.record import arms_of, encoder_of, observation_of, task_of
+from thalweg.bench.suite.record import arms_of, task_of
 from thalweg.env.tasks import PAPER_TASK
-from thalweg.train.observations import FRAMES, PRIVILEGED
 from thalweg.world import LEVELS
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A policy and its figures."""
+@dataclass(frozen=True, kw_only=True)
+class Entry(PolicyEntry):
+    """A policy and its figures on the paper's task."""
 
-    policy: str
-    source: str
-    """Name of the results folder."""
-    versions: str
-    """The versions that the results were made with: `current`, or those that differ."""
     level: str
     """Training level."""
-    steps: int
-    """Training steps of each seed."""
-    seeds: int
-    """Number of seeds whose training finished."""
     cost: Estimate | None
     """Mean on `LEVEL`; None where the policy was not evaluated there."""
     returns: dict[str, Estimate]
@@ -49,25 +31,10 @@ class Entry:
     failures."""
     regret: float | None
     """Mean over seeds, in the last stage of training; None where it is not known."""
-    missing: tuple[str, ...]
-    """What the results lack of `REQUIREMENTS`."""
-    critics_see: str = "none"
-    """What its critics saw in training, see `Results.critics_see`."""
-    observation: str = FRAMES
-    """What the policy sees, see `thalweg.train.observations.IN_WORDS`."""
-    encoder: str = "default"
-    """Name of the packaged encoder of its frames, if it sees their codes."""
-    made_by: str = ""
-    """Version and source of the plug-ins that it was trained by, or of the function that it is."""
     trained: bool = True
     """Whether it was trained here; a function and the packaged policy were not."""
     taught: bool = False
     """Whether it learnt from a teacher that knows the map: the packaged policy, and those that begin with it."""
-
-    @property
-    def privileged(self) -> bool:
-        """Whether the policy sees the privileged observation instead of frames."""
-        return self.observation == PRIVILEGED
 
     @property
     def limit_met(self) -> str:
@@ -142,19 +109,18 @@ def _flown_entry(
 ) -> Entry:
     """Return the entry of a policy that was not trained here, a function or the packaged policy, which was flown once
     from every start and cannot be compared over seeds."""
-    outdated = results.outdated.get(name)
     missing = [*missing_starts(results), *missing_flights(results, [0], usual, unseen)]
     return Entry(
         policy=policy,
         source=results.folder.resolve().name,
-        versions="current" if outdated is None else outdated.versions,
+        versions=versions_of(results, name),
         level="not here",
         steps=0,
         seeds=1,
         cost=mean_estimate(usual[LEVEL], "cost") if LEVEL in usual else None,
         returns=_returns(usual, unseen),
         regret=None,
-        missing=("current versions",) if outdated else tuple(missing),
+        missing=("current versions",) if name in results.outdated else tuple(missing),
         observation=observation,
         encoder=results.suite.get("encoder", "default"),
         made_by=results.made_by([f"{policy}-0"]),
@@ -164,25 +130,12 @@ def _flown_entry(
 
 
 def _entry(results: Results, name: str, arm: dict[str, Any], usual: Flights, unseen: Flights) -> Entry:
-    """Return the entry of an arm with its flights on each level, on the usual and on unseen rivers.
-
-    `name` is that of its episodes: the arm's, or that of its outdated runs.
-    """
-    outdated = results.outdated.get(name)
+    """Return the entry of an arm, see `arm_fields`."""
     return Entry(
-        policy=arm["name"],
-        source=results.folder.resolve().name,
-        versions="current" if outdated is None else outdated.versions,
+        **arm_fields(results, name, arm, usual, unseen),
         level=arm.get("level") or results.suite.get("train_level", "unknown"),
-        steps=training_steps(arm),
-        seeds=sum(row.algorithm == name and row.status == "finished" for row in results.runs),
         cost=mean_estimate(usual[LEVEL], "cost") if LEVEL in usual else None,
         returns=_returns(usual, unseen),
         regret=training_regret(results, name),
-        missing=("current versions",) if outdated else tuple(missing_of_arm(results, arm, usual, unseen)),
-        critics_see=results.critics_see(name),
-        observation=observation_of(results.suite, arm),
-        encoder=encoder_of(results.suite, arm),
-        made_by=results.made_by([f"{arm['name']}-{seed}" for seed in arm["seeds"]]),
         taught=bool(arm.get("begin_with")),
     )

@@ -14,7 +14,7 @@ from thalweg.bench.report.table import frame, markdown
 from thalweg.bench.results.inference import CONFIDENCE, MIN_SEEDS
 from thalweg.bench.suite.record import task_of
 from thalweg.env.tasks import PAPER_TASK
-from thalweg.train.observations import FRAMES, IMAGES
+from thalweg.train.observations import IMAGES
 from thalweg.world import LEVELS
 
 INTRODUCTION = f"""# Leaderboard
@@ -111,8 +111,5 @@ def _row(entry: Entry) -> list[str]:
     returns = [str(entry.returns.get(river, "missing")) for river in (LEVEL, *OTHER_LEVELS, UNSEEN.name)]
     cost = "missing" if entry.cost is None else str(entry.cost)
     regret = "unknown" if entry.regret is None else f"{entry.regret:.2f}"
-    made = f"{entry.versions}; {entry.made_by}" if entry.made_by else entry.versions
-    rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), entry.critics_see, made]
-    seen = entry.encoder if entry.observation == FRAMES else entry.observation
-    policy = entry.policy if seen == "default" else f"{entry.policy} ({seen})"
-    return [policy, entry.source, entry.limit_met, cost, *returns, *rest]
+    rest = [regret, entry.level, f"{entry.steps:,}", str(entry.seeds), entry.critics_see, entry.versions_and_makers]
+    return [entry.policy_and_sight, entry.source, entry.limit_met, cost, *returns, *rest]

@@ -9,7 +9,6 @@ from thalweg.bench.report.policies import CRITICS_SEE
 from thalweg.bench.report.table import frame, markdown
 from thalweg.bench.results.front import Front
 from thalweg.bench.results.inference import CONFIDENCE
-from thalweg.train.observations import FRAMES
 
 NOTE = f"""In these tasks the greatest return costs more than a limit allows. Each policy is judged by the limit of an
 episode's cost that it was trained with, and ranked among policies with the same limit: first those whose cost surely
@@ -74,14 +73,16 @@ def _oracle_row(limit: float, fronts: Mapping[str, Front]) -> list[str]:
 
 def _row(entry: TaskEntry) -> list[str]:
     """Return a row of `COLUMNS` as text."""
-    figures = [
-        str(each.get(rivers, "missing" if each is not entry.regrets or rivers not in entry.costs else "unknown"))
-        for rivers in (FIXED, UNSEEN)
-        for each in (entry.costs, entry.returns, entry.regrets)
-    ]
-    seen = entry.encoder if entry.observation == FRAMES else entry.observation
-    policy = entry.policy if seen in ("default", "privileged") else f"{entry.policy} ({seen})"
-    made = f"{entry.versions}; {entry.made_by}" if entry.made_by else entry.versions
     limit = "none" if entry.limit is None else f"{entry.limit:g}"
-    rest = [f"{entry.steps:,}", str(entry.seeds), entry.critics_see, made]
+    policy = entry.policy if entry.privileged else entry.policy_and_sight  # the heading says who is privileged
+    figures = [*_figures(entry, FIXED), *_figures(entry, UNSEEN)]
+    rest = [f"{entry.steps:,}", str(entry.seeds), entry.critics_see, entry.versions_and_makers]
     return [limit, policy, entry.source, entry.limit_met, *figures, *rest]
+
+
+def _figures(entry: TaskEntry, rivers: str) -> list[str]:
+    """Return cost, return and distance to the oracle on some rivers as text."""
+    if rivers not in entry.costs:  # not flown there
+        return ["missing"] * 3
+    below = str(entry.regrets[rivers]) if rivers in entry.regrets else "unknown"
+    return [str(entry.costs[rivers]), str(entry.returns[rivers]), below]

@@ -7,50 +7,31 @@ from typing import Any
 
 from thalweg.bench.fronts.fronts import FIXED, PACKAGED_FRONTS, UNSEEN, front_of, points_of, read_fronts
 from thalweg.bench.leaderboard.entries import flown_names
-from thalweg.bench.leaderboard.requirements import LEVEL, Flights, missing_of_arm, training_steps
+from thalweg.bench.leaderboard.policy_entry import PolicyEntry, arm_fields
+from thalweg.bench.leaderboard.requirements import LEVEL, Flights
 from thalweg.bench.report.policies import limit_met
 from thalweg.bench.report.price_tables import by_seed, limit_of, mean_cost, mean_return
 from thalweg.bench.results.front import Front
 from thalweg.bench.results.inference import Estimate, clip
 from thalweg.bench.results.results import Results
-from thalweg.bench.suite.record import arms_of, encoder_of, observation_of, task_of
+from thalweg.bench.suite.record import arms_of, task_of
 from thalweg.core import versions
 from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
-from thalweg.train.observations import FRAMES, PRIVILEGED
 
 
-@dataclass(frozen=True)
-class TaskEntry:
+@dataclass(frozen=True, kw_only=True)
+class TaskEntry(PolicyEntry):
     """A policy of a task, on the level's fixed river (`FIXED`) and on unseen rivers of it (`UNSEEN`)."""
 
     task: str
-    policy: str
-    source: str
-    """Name of the results folder."""
-    versions: str
-    """The versions that the results were made with: `current`, or those that differ."""
     limit: float | None
     """Cost limit of an episode that it was trained with; None without one."""
-    steps: int
-    """Training steps of each seed."""
-    seeds: int
-    """Number of seeds whose training finished."""
-    missing: tuple[str, ...]
-    """What the results lack of `TASK_REQUIREMENTS`."""
-    critics_see: str
-    observation: str = FRAMES
-    encoder: str = "default"
-    made_by: str = ""
     returns: dict[str, Estimate] = field(default_factory=dict)
     """Mean return by rivers, as far as they were flown; the same holds for the next two."""
     costs: dict[str, Estimate] = field(default_factory=dict)
     regrets: dict[str, Estimate] = field(default_factory=dict)
-    """How much more the oracle returns at the same cost on the same rivers: the distance to its front."""
-
-    @property
-    def privileged(self) -> bool:
-        """Whether the policy sees the privileged observation instead of frames."""
-        return self.observation == PRIVILEGED
+    """How much more the oracle returns at the same cost on the same rivers: the distance to its front; without those
+    that have no front."""
 
     @property
     def limit_met(self) -> str:
@@ -94,28 +75,17 @@ def task_entries(results: Results) -> list[TaskEntry]:
 def _entry(
     results: Results, name: str, arm: dict[str, Any], fronts: dict[str, Front], flights: dict[str, Flights]
 ) -> TaskEntry:
-    """Return the entry of an arm; `name` is that of its episodes: the arm's, or that of its outdated runs."""
-    outdated = results.outdated.get(name)
+    """Return the entry of an arm, see `arm_fields`, with its flights by rivers."""
     flown = {rivers: rows for rivers, levels in flights.items() if (rows := levels.get(LEVEL))}
     regrets = {
         rivers: by_seed(rows, lambda own, front=fronts[rivers]: front.regret(mean_cost(own), mean_return(own)))
         for rivers, rows in flown.items()
-        if rivers in fronts and outdated is None
+        if rivers in fronts and name not in results.outdated
     }
-    missing = missing_of_arm(results, arm, flights[FIXED], flights[UNSEEN])
     return TaskEntry(
+        **arm_fields(results, name, arm, flights[FIXED], flights[UNSEEN]),
         task=task_of(results.suite),
-        policy=arm["name"],
-        source=results.folder.resolve().name,
-        versions="current" if outdated is None else outdated.versions,
         limit=limit_of(results, name),
-        steps=training_steps(arm),
-        seeds=sum(row.algorithm == name and row.status == "finished" for row in results.runs),
-        missing=("current versions",) if outdated else tuple(missing),
-        critics_see=results.critics_see(name),
-        observation=observation_of(results.suite, arm),
-        encoder=encoder_of(results.suite, arm),
-        made_by=results.made_by([f"{arm['name']}-{seed}" for seed in arm["seeds"]]),
         returns={rivers: clip(by_seed(rows, mean_return), 0.0, FULL_COURSE_REWARD) for rivers, rows in flown.items()},
         costs={rivers: clip(by_seed(rows, mean_cost), 0.0, math.inf) for rivers, rows in flown.items()},
         regrets=regrets,

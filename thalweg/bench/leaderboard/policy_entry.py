@@ -1,0 +1,76 @@
+"""What all rows of the leaderboard say of a policy, whatever its task."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from thalweg.bench.leaderboard.requirements import Flights, missing_of_arm, training_steps
+from thalweg.bench.results.results import Results
+from thalweg.bench.suite.record import encoder_of, observation_of
+from thalweg.train.observations import FRAMES, PRIVILEGED
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolicyEntry:
+    """A policy of a results folder."""
+
+    policy: str
+    source: str
+    """Name of the results folder."""
+    versions: str
+    """The versions that the results were made with: `current`, or those that differ."""
+    steps: int
+    """Training steps of each seed."""
+    seeds: int
+    """Number of seeds whose training finished."""
+    missing: tuple[str, ...]
+    """What the results lack of the requirements of its task."""
+    critics_see: str = "none"
+    """What its critics saw in training, see `Results.critics_see`."""
+    observation: str = FRAMES
+    """What the policy sees, see `thalweg.train.observations.IN_WORDS`."""
+    encoder: str = "default"
+    """Name of the packaged encoder of its frames, if it sees their codes."""
+    made_by: str = ""
+    """Version and source of the plug-ins that it was trained by, or of the function that it is."""
+
+    @property
+    def privileged(self) -> bool:
+        """Whether the policy sees the privileged observation instead of frames."""
+        return self.observation == PRIVILEGED
+
+    @property
+    def policy_and_sight(self) -> str:
+        """The policy, with what it sees in brackets unless that is the codes of the default encoder."""
+        seen = self.encoder if self.observation == FRAMES else self.observation
+        return self.policy if seen == "default" else f"{self.policy} ({seen})"
+
+    @property
+    def versions_and_makers(self) -> str:
+        """The versions, with the plug-ins or the function if there are any."""
+        return f"{self.versions}; {self.made_by}" if self.made_by else self.versions
+
+
+def versions_of(results: Results, name: str) -> str:
+    """Return the `versions` of the policy under whose name episodes stand in results."""
+    outdated = results.outdated.get(name)
+    return "current" if outdated is None else outdated.versions
+
+
+def arm_fields(results: Results, name: str, arm: dict[str, Any], usual: Flights, unseen: Flights) -> dict[str, Any]:
+    """Return the fields of `PolicyEntry` of an arm with its flights on each level, on the usual and on unseen rivers.
+
+    `name` is that of its episodes: the arm's, or that of its outdated runs.
+    """
+    outdated = name in results.outdated
+    return {
+        "policy": arm["name"],
+        "source": results.folder.resolve().name,
+        "versions": versions_of(results, name),
+        "steps": training_steps(arm),
+        "seeds": sum(row.algorithm == name and row.status == "finished" for row in results.runs),
+        "missing": ("current versions",) if outdated else tuple(missing_of_arm(results, arm, usual, unseen)),
+        "critics_see": results.critics_see(name),
+        "observation": observation_of(results.suite, arm),
+        "encoder": encoder_of(results.suite, arm),
+        "made_by": results.made_by([f"{arm['name']}-{seed}" for seed in arm["seeds"]]),
+    }

@@ -27,7 +27,7 @@ from thalweg.env.device.step import reset_arguments
 from thalweg.env.forces.arrays import empty_forces, force_numbers
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.rules import State, empty_outcome, empty_state
-from thalweg.render.gpu import ground_profiles, pixel, placed_props, postprocess, tile, visible_plants
+from thalweg.render.gpu import ground_profiles, pixel, posed_props, postprocess, tile, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.records.scene import Scene
 from thalweg.render.records.view import COLOURS, LAYERS, MASK, Buffers, FrameSettings, Views
@@ -48,7 +48,7 @@ SETTINGS = types.NamedTuple((types.int64, types.int64, FLOAT, types.boolean), Fr
 FOUND = types.int32[:, ::1], PLANE, types.int16[:, :, ::1], INTS
 """Order, distance, boxes and counts of the plants in view."""
 CORNERS = types.int32[:, :, ::1]
-PLACED = SPACE, CORNERS, CORNERS, CORNERS, INTS
+POSED = SPACE, CORNERS, CORNERS, CORNERS, INTS
 """Parts, numbers, boxes, zones and counts of the props in view."""
 SEEN = "world", "pose", "segment", "travel"
 """Arrays of a state that the ideal eye needs."""
@@ -121,7 +121,7 @@ def props_types() -> tuple[Any, ...]:
 
 def variants() -> dict[str, Variant]:
     """Return every kernel of a frame, in every form that `GpuRenderer` launches, and those of rules and ideal eye."""
-    trace = (SCENE, VIEWS, PLANE, LINE, SPACE, types.Tuple(FOUND), types.Tuple((SPACE, *PLACED)), BUFFERS)
+    trace = (SCENE, VIEWS, PLANE, LINE, SPACE, types.Tuple(FOUND), types.Tuple((SPACE, *POSED)), BUFFERS)
     add = (SCENE, VIEWS, PLANE, BUFFERS, FOUR, LINE)
     kernels = {
         "place_cameras": Variant(
@@ -131,9 +131,7 @@ def variants() -> dict[str, Variant]:
             ground_profiles.find_nearness, (SCENE, VIEWS, SETTINGS, PLANE, SPACE), ground_profiles.THREADS
         ),
         "find": Variant(visible_plants.find, (SCENE, VIEWS, SETTINGS, PLANE, *FOUND), visible_plants.THREADS),
-        "place": Variant(
-            placed_props.place, (SCENE, VIEWS, SETTINGS, PLANE, LINE, SPACE, *PLACED), placed_props.THREADS
-        ),
+        "pose": Variant(posed_props.pose, (SCENE, VIEWS, SETTINGS, PLANE, LINE, SPACE, *POSED), posed_props.THREADS),
     }
     for fast in (False, True):
         quality = "fast" if fast else "full"

@@ -13,7 +13,7 @@ from thalweg.core.compute.device import DeviceError
 from thalweg.render import Camera, Renderer
 from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.errors import RenderError
-from thalweg.render.gpu import gpu_renderer, pixel, placed_props
+from thalweg.render.gpu import gpu_renderer, pixel, posed_props
 from thalweg.render.gpu.gpu_renderer import GpuRenderer
 from thalweg.render.kernels.terrain.azimuth_planes import most_planes
 from thalweg.render.records.appearance import look_rows, look_values
@@ -196,6 +196,6 @@ def test_frames_with_props_are_drawn_by_kernels_that_know_them(monkeypatch: pyte
     for props in (None, np.zeros((1, 3, 6), np.float32)):
         renderer.draw(views, np.zeros((1, 8, 8), np.uint32), props=props)
     without, with_props = pixel.tracer(True, COLOURS, False), pixel.tracer(True, COLOURS, True)
-    assert [each for each in launched if each in (placed_props.place, without, with_props)] == [
-        without, placed_props.place, with_props,
+    assert [each for each in launched if each in (posed_props.pose, without, with_props)] == [
+        without, posed_props.pose, with_props,
     ]  # fmt: skip

@@ -1,6 +1,6 @@
 """`GpuRenderer`: frames drawn on a GPU by five to eight kernels a pass.
 
-They place cameras, find the plants in view, walk over the ground in vertical planes, place props if there are any, and
+They place cameras, find the plants in view, walk over the ground in vertical planes, pose props if there are any, and
 draw pixels; with colours they add up the light for the exposure and map tones; at last they write layers or masks. A
 pass draws as many cameras as the scratch is large enough for. Everything lies in torch's memory on the device and is
 allocated once; nothing waits for the device, and nothing is copied from it.
@@ -14,7 +14,7 @@ import numpy as np
 from thalweg.core.compute import gpu
 from thalweg.core.compute.launch_graphs import LaunchGraphs
 from thalweg.render.errors import RenderError
-from thalweg.render.gpu import ground_profiles, pixel, placed_props, postprocess, tile, visible_plants
+from thalweg.render.gpu import ground_profiles, pixel, posed_props, postprocess, tile, visible_plants
 from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.kernels.props import models
 from thalweg.render.kernels.props.pose import PART_COLUMNS
@@ -282,16 +282,16 @@ class GpuRenderer:
             ground_profiles.find_nearness, count, ground_profiles.THREADS, device,
             scene, views, settings, cameras, nearness,
         )  # fmt: skip
-        placed = tuple(self._props.values())
+        posed = tuple(self._props.values())
         if props is not None:
             gpu.launch(
-                placed_props.place, count, placed_props.THREADS, device,
-                scene, views, settings, cameras, moments, props, *placed,
+                posed_props.pose, count, posed_props.THREADS, device,
+                scene, views, settings, cameras, moments, props, *posed,
             )  # fmt: skip
         tiles = -(-height // tile.TILE) * -(-width // tile.TILE)
         gpu.launch(
             pixel.tracer(reduced, drawn, props is not None), (tiles, count), tile.THREADS, device,
-            scene, views, cameras, moments, nearness, plants, (nearness if props is None else props, *placed), buffers,
+            scene, views, cameras, moments, nearness, plants, (nearness if props is None else props, *posed), buffers,
         )  # fmt: skip
         if images is not None:
             softened = self._scratch["softened"]

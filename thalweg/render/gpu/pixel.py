@@ -12,7 +12,7 @@ from numba import cuda, float32, uint32
 
 from thalweg.render.gpu.pixel_records import empty_radiance, empty_rays
 from thalweg.render.gpu.plant_pixels import blend_plants
-from thalweg.render.gpu.prop_pixels import is_stirred, meet_props, shade_stirred, touch_props
+from thalweg.render.gpu.prop_pixels import is_stirred, meet_props_at_pixel, shade_stirred_at_pixel, touch_props
 from thalweg.render.gpu.scene_hits import nearest_bridge, primary_hit
 from thalweg.render.gpu.scene_shading import shade_background
 from thalweg.render.gpu.tile import WORDS
@@ -43,7 +43,7 @@ def tracer(reduced: bool, drawn: int, with_props: bool = False) -> Callable:
         """One block a tile (x) of a camera (y): fill `Buffers` [N, H, W].
 
         moments: of `visible_plants.place_cameras`; nearness: of `ground_profiles.find_nearness`; plants: order,
-        distance, boxes, counts of `visible_plants.find`; props: their rows, and what `placed_props.place` fills.
+        distance, boxes, counts of `visible_plants.find`; props: their rows, and what `posed_props.pose` fills.
         """
         n = cuda.blockIdx.y
         height, width = buffers.kind.shape[1:]
@@ -67,7 +67,7 @@ def tracer(reduced: bool, drawn: int, with_props: bool = False) -> Callable:
         cover, prop_r, prop_g, prop_b = f32(0), f32(0), f32(0), f32(0)
         if with_props:
             touch_props(props, n, corner, touched, stirred)
-            kind, cover, prop_r, prop_g, prop_b = meet_props(
+            kind, cover, prop_r, prop_g, prop_b = meet_props_at_pixel(
                 scene, view, props, n, touched, r, c, depth, kind, only_mask, coloured
             )
         # Threads outside the image stay alive: they still load plants and meet the barriers.
@@ -92,7 +92,7 @@ def tracer(reduced: bool, drawn: int, with_props: bool = False) -> Callable:
                 and behind == classes.WATER
                 and is_stirred(scene, view, props, n, stirred, r, c, rays, behind_depth)
             ):
-                shade_stirred(scene, view, props, n, stirred, r, c, depth, out)
+                shade_stirred_at_pixel(scene, view, props, n, stirred, r, c, depth, out)
             else:
                 shade_background(scene, view, behind, reduced, r, c, depth, out)
             red += passing * out.red[0]

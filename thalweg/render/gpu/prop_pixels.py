@@ -23,11 +23,10 @@ from thalweg.render.kernels.props.layers import (
     seen_depth,
     sharpness,
     total_cover,
+    total_radiance,
     uncut_share,
 )
-from thalweg.render.kernels.props.paint import sight_radiance
-from thalweg.render.kernels.props.pose import C0, C1, FADE, R0, R1, SHAPE, TAPER, solid_ray
-from thalweg.render.kernels.props.reflections import (
+from thalweg.render.kernels.props.mirror_rays import (
     mapped_ray,
     mirrored_radiance,
     mirrored_strength,
@@ -36,6 +35,8 @@ from thalweg.render.kernels.props.reflections import (
     stopped,
     water_ray,
 )
+from thalweg.render.kernels.props.paint import sight_radiance
+from thalweg.render.kernels.props.pose import C0, C1, FADE, R0, R1, SHAPE, TAPER, solid_ray
 from thalweg.render.kernels.props.solids import meet_solid
 from thalweg.render.kernels.props.water import add_waves
 from thalweg.render.kernels.shading import mirror, sky, water
@@ -68,7 +69,7 @@ def touch_props(props, n, corner, touched, stirred):
 
 
 @kernel(inlined=True)
-def meet_props(scene, view, props, n, touched, r, c, depth, kind, only_mask, coloured):
+def meet_props_at_pixel(scene, view, props, n, touched, r, c, depth, kind, only_mask, coloured):
     """Return the class of pixel (r, c) with props drawn, the share that they cover, and their radiance times share.
 
     depth [1] becomes that of a prop that covers half of the pixel or more.
@@ -92,10 +93,10 @@ def meet_props(scene, view, props, n, touched, r, c, depth, kind, only_mask, col
             cover = total_cover(layers)
             if cover < f32(LEAST_COVER):
                 continue
-            rest = f32(1) - layers.cover
-            red += passing * (layers.red + rest * layers.back_red)
-            green += passing * (layers.green + rest * layers.back_green)
-            blue += passing * (layers.blue + rest * layers.back_blue)
+            own_red, own_green, own_blue = total_radiance(layers)
+            red += passing * own_red
+            green += passing * own_green
+            blue += passing * own_blue
             passing *= f32(1) - cover
             if cover >= f32(HALF):
                 depth[0] = seen_depth(layers, cover)
@@ -105,7 +106,7 @@ def meet_props(scene, view, props, n, touched, r, c, depth, kind, only_mask, col
 
 @kernel(inlined=True)
 def meet_parts(scene, view, parts, row, column, behind, on_water, coloured):
-    """Return the `Layers` of placed parts in a pixel of the image.
+    """Return the `Layers` of posed parts in a pixel of the image.
 
     behind: depth of what they are before, which is water if on_water; coloured: whether their radiance counts.
     """
@@ -121,7 +122,7 @@ def meet_parts(scene, view, parts, row, column, behind, on_water, coloured):
 
 @kernel(inlined=True)
 def with_part(scene, view, part, sight, behind, sharp, coloured, layers):
-    """Return `Layers` with a placed part added if a `PixelSight` meets it; behind, sharp: as in `uncut_share`."""
+    """Return `Layers` with a posed part added if a `PixelSight` meets it; behind, sharp: as in `uncut_share`."""
     camera = view.camera
     hit = meet_solid(part[SHAPE], part[TAPER], solid_ray(part, camera, sight.sx, sight.sy))
     cover = hit.cover * part[FADE] * uncut_share(camera, hit.t, behind, sharp)
@@ -151,7 +152,7 @@ def is_stirred(scene, view, props, n, stirred, r, c, rays, depth):
 
 
 @kernel(inlined=True)
-def shade_stirred(scene, view, props, n, stirred, r, c, depth, out):
+def shade_stirred_at_pixel(scene, view, props, n, stirred, r, c, depth, out):
     """Fill `Radiance` [1] with that of water around props at pixel (r, c), haze included."""
     rows, parts, numbers, _, zones, _ = props
     pixel = row_step(view.camera)
@@ -181,16 +182,16 @@ def shade_stirred(scene, view, props, n, stirred, r, c, depth, out):
             own = parts[n, first : first + numbers[n, k, 1]]
             prop = rows[n, numbers[n, k, 0]]
             if within_box(zones[n, k, :4], r, place[0]):
-                mirror_prop(scene, view, prop, own, points, surface, mirrored)
+                mirror_prop_at_pixel(scene, view, prop, own, points, surface, mirrored)
     water.compose(scene, view, points, pixel, surface, mirrored, out, 1)
     sky.add_haze(scene, view, points, out, 1)
 
 
 @kernel(inlined=True)
-def mirror_prop(scene, view, prop, parts, points, surface, mirrored):
+def mirror_prop_at_pixel(scene, view, prop, parts, points, surface, mirrored):
     """Put a prop before what the mirrored ray of a `water.Surface` [1] at `HitPoints` [1] meets, in `Mirrored` [1].
 
-    parts: its placed ones.
+    parts: its posed ones.
     """
     camera = view.camera
     pixel = row_step(camera)

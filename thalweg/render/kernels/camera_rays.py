@@ -128,9 +128,21 @@ def place_of(row, column):
 
 
 @kernel(inlined=True, allocates=False)
+def row_of(place):
+    """Return the row of the pixel at a place."""
+    return place >> int32(16)
+
+
+@kernel(inlined=True, allocates=False)
+def column_of(place):
+    """Return the column of the pixel at a place."""
+    return place & int32(0xFFFF)
+
+
+@kernel(inlined=True, allocates=False)
 def ray_at(camera, first, place):
     """Return `ray_through` of the pixel at a place whose row is counted from row `first` of the image."""
-    return ray_through(camera, int32(first) + (place >> int32(16)), place & int32(0xFFFF))
+    return ray_through(camera, int32(first) + row_of(place), column_of(place))
 
 
 @kernel(disjoint=True, allocates=False)

@@ -15,8 +15,9 @@ from thalweg.render.kernels.bridge_edges import soften_edges
 from thalweg.render.kernels.camera_rays import Radiance, image_x, image_y, ray_direction, row_step
 from thalweg.render.kernels.layers import draw_layers
 from thalweg.render.kernels.plants.draw import draw_plants
-from thalweg.render.kernels.props.draw import draw_props, place_props
+from thalweg.render.kernels.props.draw import draw_props
 from thalweg.render.kernels.props.marks import hold_marks, release_marks
+from thalweg.render.kernels.props.posed_props import pose_props
 from thalweg.render.kernels.props.water import hold_water, release_water
 from thalweg.render.kernels.shading import tone
 from thalweg.render.kernels.shading.background import shade
@@ -80,18 +81,18 @@ def draw_rows(scene, view, props, reduced, drawn, top, bottom, buffers):
     # One call of each for all that may be drawn, so that masks and layers have the depths of the frame to the bit.
     find_primary_hits(scene, view, top, reduced, rows.depth, rows.kind, rows.water)
     stone = draw_bridges(scene, view, top, drawn, rows.depth, rows.kind)
-    placed = place_props(scene, view, props)
-    marks = draw_props(scene, view, props, placed, top, drawn, rows.depth, rows.kind)
+    posed = pose_props(scene, view, props)
+    marks = draw_props(scene, view, props, posed, top, drawn, rows.depth, rows.kind)
     if drawn != COLOURS:
         draw_layers(scene, view, top, reduced, drawn == MASK, rows)
         return
     draw_plants(scene, view, top, reduced, rows)
     # What shows props, or water around them, is shaded apart; everything else stays as it is without them.
     hold_marks(marks, rows.depth, rows.kind, rows.transmittance)
-    stirred = hold_water(view, props, placed, reduced, top, rows)
+    stirred = hold_water(view, props, posed, reduced, top, rows)
     shade(scene, view, top, reduced, rows)
     add_stone(stone, rows)
-    release_water(scene, view, props, placed, top, stirred, rows)
+    release_water(scene, view, props, posed, top, stirred, rows)
     release_marks(marks, rows)
 
 

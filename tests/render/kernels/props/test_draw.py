@@ -10,7 +10,7 @@ from thalweg.render.bake.scene_tables import build_scene
 from thalweg.render.kernels.camera_rays import pose_camera
 from thalweg.render.kernels.props import marks as columns
 from thalweg.render.kernels.props import models
-from thalweg.render.kernels.props.draw import draw_props, place_props
+from thalweg.render.kernels.props.draw import draw_props
 from thalweg.render.kernels.props.layers import (
     HALF,
     LEAST_COVER,
@@ -21,10 +21,12 @@ from thalweg.render.kernels.props.layers import (
     seen_depth,
     sharpness,
     total_cover,
+    total_radiance,
     uncut_share,
 )
 from thalweg.render.kernels.props.paint import sight_radiance
 from thalweg.render.kernels.props.pose import C0, C1, FADE, R0, R1, SHAPE, TAPER, solid_ray
+from thalweg.render.kernels.props.posed_props import pose_props
 from thalweg.render.kernels.props.solids import meet_solid
 from thalweg.render.kernels.shading.background import CHUNK
 from thalweg.render.records.appearance import look_rows, look_values
@@ -39,26 +41,26 @@ f32 = np.float32
 def by_tiles(scene, settings, pose, look, props, drawn, depth, kind):
     """Marks [M, MARK_COLUMNS] of props in the view of a pose, and whether a tile has all of a prop."""
     view = View(0, look, pose_camera(pose, look, settings), f32(1))
-    placed = place_props(scene, view, props)
+    posed = pose_props(scene, view, props)
     whole = True
-    for box in placed.boxes:
+    for box in posed.boxes:
         whole = whole and (box[1] - box[0]) * (box[3] - box[2]) <= CHUNK
-    return draw_props(scene, view, props, placed, 0, drawn, depth, kind), whole
+    return draw_props(scene, view, props, posed, 0, drawn, depth, kind), whole
 
 
 @kernel
 def one_by_one(scene, settings, pose, look, props, depth, kind, shown):
     """Set depth and kind [H, W], and add to shown [H, W, 4] what props cover of a pixel, and their radiance."""
     view = View(0, look, pose_camera(pose, look, settings), f32(1))
-    placed = place_props(scene, view, props)
+    posed = pose_props(scene, view, props)
     pixel = f32(2) * view.camera.half_h / f32(settings.height)
-    for k in range(len(placed.counts)):
+    for k in range(len(posed.counts)):
         for r in range(settings.height):
             for c in range(settings.width):
                 sight = pixel_sight(view.camera, r, c)
                 sharp = sharpness(view.camera, sight.z, depth[r, c], kind[r, c] == WATER)
                 layers = no_layers()
-                for part in placed.parts[k * models.MOST_PARTS : k * models.MOST_PARTS + placed.counts[k]]:
+                for part in posed.parts[k * models.MOST_PARTS : k * models.MOST_PARTS + posed.counts[k]]:
                     if c < part[C0] or c >= part[C1] or r < part[R0] or r >= part[R1]:
                         continue
                     hit = meet_solid(part[SHAPE], part[TAPER], solid_ray(part, view.camera, sight.sx, sight.sy))
@@ -71,14 +73,15 @@ def one_by_one(scene, settings, pose, look, props, depth, kind, shown):
                 cover = total_cover(layers)
                 if cover < f32(LEAST_COVER):
                     continue
-                rest, left = f32(1) - layers.cover, f32(1) - shown[r, c, 0]
-                shown[r, c, 1] += left * (layers.red + rest * layers.back_red)
-                shown[r, c, 2] += left * (layers.green + rest * layers.back_green)
-                shown[r, c, 3] += left * (layers.blue + rest * layers.back_blue)
+                left = f32(1) - shown[r, c, 0]
+                red, green, blue = total_radiance(layers)
+                shown[r, c, 1] += left * red
+                shown[r, c, 2] += left * green
+                shown[r, c, 3] += left * blue
                 shown[r, c, 0] += left * cover
                 if cover >= f32(HALF):
                     depth[r, c] = seen_depth(layers, cover)
-                    kind[r, c] = int(props[placed.numbers[k], KIND]) + CLASS_OFFSET
+                    kind[r, c] = int(props[posed.numbers[k], KIND]) + CLASS_OFFSET
 
 
 def composed(marks: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 from numba import int32
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.kernels.camera_rays import row_step
+from thalweg.render.kernels.camera_rays import column_of, row_of, row_step
 from thalweg.render.kernels.props.turns import turned
 from thalweg.render.kernels.table_lookup import clamp
 
@@ -68,7 +68,7 @@ def box_corner(turn, half_x, half_y, half_z, corner):
 
 @kernel(inlined=True, allocates=False)
 def seen_at(camera, px, py, pz):
-    """Return the depth of a point at px, py, pz metres from the camera, and its place on the image plane."""
+    """Return the depth of a point at px, py, pz metres from the camera, and its position on the image plane."""
     ahead = px * camera.forward_x + py * camera.forward_y + pz * camera.forward_z
     inverse = f32(1) / max(ahead, f32(0.01))
     sx = (px * camera.right_x + py * camera.right_y) * inverse
@@ -103,6 +103,6 @@ def rows_of_box(box, top, rows):
 @kernel(inlined=True, allocates=False)
 def within_box(box, top, place):
     """Return whether a place, whose row is counted from row `top` of the image, is in a rectangle of pixels [4]."""
-    r = int32(top) + (place >> int32(16))
-    c = place & int32(0xFFFF)
+    r = int32(top) + row_of(place)
+    c = column_of(place)
     return (c >= box[0]) & (c < box[1]) & (r >= box[2]) & (r < box[3])

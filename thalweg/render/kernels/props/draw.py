@@ -12,7 +12,7 @@ import numpy as np
 from numba import int32
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.kernels.camera_rays import place_of, row_step
+from thalweg.render.kernels.camera_rays import column_of, place_of, row_of, row_step
 from thalweg.render.kernels.props import models
 from thalweg.render.kernels.props.boxes import rows_of_box
 from thalweg.render.kernels.props.layers import (
@@ -35,15 +35,13 @@ from thalweg.render.kernels.props.pose import (
     C0,
     C1,
     FADE,
-    PART_COLUMNS,
     R0,
     R1,
     SHAPE,
     TAPER,
-    place_prop,
     solid_ray,
-    sort_in_view,
 )
+from thalweg.render.kernels.props.posed_props import pixels_of
 from thalweg.render.kernels.props.rays import any_at_least, empty_part_rays, hit_of, put_hit
 from thalweg.render.kernels.props.solids import meet_cone, meet_cube, meet_sphere
 from thalweg.render.kernels.shading.background import CHUNK, fill_up
@@ -52,19 +50,6 @@ from thalweg.render.records.props import CLASS_OFFSET, KIND
 from thalweg.render.records.view import COLOURS, LANES, MASK
 
 f32 = np.float32
-
-
-class PlacedProps(NamedTuple):
-    """The props in view of a frame, near to far, K of them."""
-
-    parts: Any
-    """[K * MOST_PARTS, PART_COLUMNS] float32; those of prop k begin at k * MOST_PARTS."""
-    counts: Any
-    """[K] int32, parts of each."""
-    numbers: Any
-    """[K] int32, which of the frame's props each is."""
-    boxes: Any
-    """[K, 4] int32, columns from, to and rows from, to of the image that each may touch."""
 
 
 class Tile(NamedTuple):
@@ -80,49 +65,13 @@ class Tile(NamedTuple):
     """`Layers` of arrays."""
 
 
-class TileBox(NamedTuple):
+class TileArea(NamedTuple):
     """Where a tile is: rows from, to, counted from the first drawn one, and columns from, to."""
 
     r0: Any
     r1: Any
     c0: Any
     c1: Any
-
-
-@kernel
-def place_props(scene, view, props):
-    """Return the `PlacedProps` of a view; props: [P, PROP_COLUMNS]."""
-    order = np.empty(len(props), np.int32)
-    count = sort_in_view(props, view.camera, order, np.empty(len(props), np.float32))
-    placed = PlacedProps(
-        np.empty((count * models.MOST_PARTS, PART_COLUMNS), np.float32),
-        np.empty(count, np.int32), order[:count], np.empty((count, 4), np.int32),
-    )  # fmt: skip
-    place_in_order(scene, view, props, placed)
-    return placed
-
-
-@kernel(inlined=True, allocates=False)
-def place_in_order(scene, view, props, placed):
-    """Fill the parts, counts and boxes of `PlacedProps` whose numbers are there."""
-    for k in range(len(placed.counts)):
-        first = k * models.MOST_PARTS
-        parts = placed.parts[first : first + models.MOST_PARTS]
-        placed.counts[k] = place_prop(scene, view, props[placed.numbers[k]], parts)
-        join_boxes(parts, placed.counts[k], placed.boxes[k])
-
-
-@kernel(inlined=True, allocates=False)
-def join_boxes(parts, count, box):
-    """Fill box [4] with the rectangle around those of the first `count` of placed parts."""
-    far = int32(1 << 30)
-    c0, c1, r0, r1 = far, int32(0), far, int32(0)
-    for k in range(count):
-        # An empty rectangle touches nothing.
-        if parts[k, C0] < parts[k, C1] and parts[k, R0] < parts[k, R1]:
-            c0, c1 = min(c0, int32(parts[k, C0])), max(c1, int32(parts[k, C1]))
-            r0, r1 = min(r0, int32(parts[k, R0])), max(r1, int32(parts[k, R1]))
-    box[0], box[1], box[2], box[3] = min(c0, c1), c1, min(r0, r1), r1
 
 
 @kernel
@@ -135,62 +84,52 @@ def empty_tile(some):
 
 
 @kernel
-def draw_props(scene, view, props, placed, top, drawn, depth, kind):
+def draw_props(scene, view, props, posed, top, drawn, depth, kind):
     """Set depth and kind [R, W'] where a prop covers half of a pixel; returns the marks [M, MARK_COLUMNS] of all pixels
     that show any of one, near props first.
 
-    placed: the `PlacedProps` of the view. drawn: see `Output`; without colours there are no marks, and for a mask only
+    posed: the `PosedProps` of the view. drawn: see `Output`; without colours there are no marks, and for a mask only
     pixels that show water count.
     """
-    pixels = pixels_of(placed.boxes, top, len(depth))
+    pixels = pixels_of(posed.boxes, top, len(depth))
     marks = np.empty((pixels if drawn == COLOURS else 0, MARK_COLUMNS), np.float32)
     tile, work = empty_tile(pixels > 0), empty_part_rays(pixels > 0)
-    met = meet_props(scene, view, props, placed, top, drawn, depth, kind, tile, work, marks)
+    met = meet_props(scene, view, props, posed, top, drawn, depth, kind, tile, work, marks)
     return marks[:met]
 
 
-@kernel(inlined=True, allocates=False)
-def pixels_of(boxes, top, rows):
-    """Return how many pixels boxes [K, 4] have together within so many rows from `top` on."""
-    pixels = 0
-    for k in range(len(boxes)):
-        _, _, _, _, size = rows_of_box(boxes[k], top, rows)
-        pixels += size
-    return pixels
-
-
 @kernel(allocates=False)
-def meet_props(scene, view, props, placed, top, drawn, depth, kind, tile, work, marks):
+def meet_props(scene, view, props, posed, top, drawn, depth, kind, tile, work, marks):
     """Fill marks, of `draw_props`, and set depth and kind [R, W']; returns how many marks there are.
 
     tile: a `Tile`; work: `PartRays`.
     """
     n = 0
-    for k in range(len(placed.counts)):
-        c0, c1, r0, r1, size = rows_of_box(placed.boxes[k], top, len(depth))
+    for k in range(len(posed.counts)):
+        c0, c1, r0, r1, size = rows_of_box(posed.boxes[k], top, len(depth))
         if size == 0:
             continue
         first = k * models.MOST_PARTS
-        parts = placed.parts[first : first + placed.counts[k]]
-        own = np.uint8(int32(props[placed.numbers[k], KIND]) + int32(CLASS_OFFSET))
+        parts = posed.parts[first : first + posed.counts[k]]
+        own = np.uint8(int32(props[posed.numbers[k], KIND]) + int32(CLASS_OFFSET))
         wide = min(c1 - c0, int32(CHUNK))
         high = int32(CHUNK) // wide
         for left in range(c0, c1, wide):
             for upper in range(r0, r1, high):
-                box = TileBox(int32(upper), int32(min(upper + high, r1)), int32(left), int32(min(left + wide, c1)))
-                fill_tile(view.camera, top, box, drawn, depth, kind, tile)
+                area = TileArea(int32(upper), int32(min(upper + high, r1)), int32(left), int32(min(left + wide, c1)))
+                fill_tile(view.camera, top, area, drawn, depth, kind, tile)
                 for j in range(len(parts)):
-                    draw_part(scene, view, parts[j], top, box, drawn, tile, work)
-                n = mark_tile(box, own, drawn, tile, depth, kind, marks, n)
+                    draw_part(scene, view, parts[j], top, area, drawn, tile, work)
+                n = mark_tile(area, own, drawn, tile, depth, kind, marks, n)
     return n
 
 
 @kernel(inlined=True, allocates=False)
-def fill_tile(camera, top, box, drawn, depth, kind, tile):
-    """Fill the `Tile` of a `TileBox` from depth and kind [R, W'], without any part of a prop."""
+def fill_tile(camera, top, area, drawn, depth, kind, tile):
+    """Fill the `Tile` of a `TileArea` from depth and kind [R, W'], without any part of a prop."""
     n = 0
-    for r in range(box.r0, box.r1):
-        for c in range(box.c0, box.c1):
+    for r in range(area.r0, area.r1):
+        for c in range(area.c0, area.c1):
             on_water = kind[r, c] == np.uint8(WATER)
             tile.places[n] = place_of(int32(r), int32(c))
             # Where there is no water, a mask stays as it is: nothing is before what lies behind the camera.
@@ -229,16 +168,17 @@ def layers_of(layers, i):
 
 
 @kernel(inlined=True, allocates=False)
-def index_of(box, place):
+def index_of(area, place):
     """Return which pixel of a tile the one at a place is."""
-    return ((place >> int32(16)) - box.r0) * (box.c1 - box.c0) + (place & int32(0xFFFF)) - box.c0
+    return (row_of(place) - area.r0) * (area.c1 - area.c0) + column_of(place) - area.c0
 
 
 @kernel(inlined=True, allocates=False)
-def draw_part(scene, view, part, top, box, drawn, tile, work):
-    """Add a placed part [PART_COLUMNS] to the `Layers` of a `Tile`; work: `PartRays`."""
-    count = list_pixels(part, top, box, work.keys)
-    # Met once, and what sees the part a second time, to be painted.
+def draw_part(scene, view, part, top, area, drawn, tile, work):
+    """Add a posed part [PART_COLUMNS] to the `Layers` of a `Tile`; work: `PartRays`."""
+    count = list_pixels(part, top, area, work.keys)
+    # All rays meet the part; then those that see it meet it once more, side by side, to be painted. Two calls in a row
+    # would inline the three solids twice, and compile for longer: a loop has them once.
     for painted in range(2 if drawn == COLOURS else 1):
         if count == 0:
             return
@@ -247,16 +187,16 @@ def draw_part(scene, view, part, top, box, drawn, tile, work):
         if painted:
             paint_pixels(scene, view, part, row_step(view.camera), top, work.keys, work.hits, work.out, n)
         else:
-            count = keep_seen(view.camera, part[FADE], box, tile, work, count)
-    add_hits(box, tile.layers, work, drawn == COLOURS, count)
+            count = keep_seen_pixels(view.camera, part[FADE], area, tile, work, count)
+    add_hits(area, tile.layers, work, drawn == COLOURS, count)
 
 
 @kernel(inlined=True, allocates=False)
-def list_pixels(part, top, box, places):
-    """Fill places with those of the pixels of a `TileBox` that a placed part may touch; returns how many there are."""
+def list_pixels(part, top, area, places):
+    """Fill places with those of the pixels of a `TileArea` that a posed part may touch; returns how many there are."""
     n = 0
-    for r in range(max(int32(part[R0]) - int32(top), box.r0), min(int32(part[R1]) - int32(top), box.r1)):
-        for c in range(max(int32(part[C0]), box.c0), min(int32(part[C1]), box.c1)):
+    for r in range(max(int32(part[R0]) - int32(top), area.r0), min(int32(part[R1]) - int32(top), area.r1)):
+        for c in range(max(int32(part[C0]), area.c0), min(int32(part[C1]), area.c1)):
             places[n] = place_of(int32(r), int32(c))
             n += 1
     return n
@@ -264,7 +204,7 @@ def list_pixels(part, top, box, places):
 
 @kernel(inlined=True, disjoint=True, allocates=False)
 def meet_pixels(camera, part, top, places, hits, n):
-    """Fill hits [n] with those of the rays through the pixels at places [n] with a placed part."""
+    """Fill hits [n] with those of the rays through the pixels at places [n] with a posed part."""
     # One loop for each solid: a choice within a loop would compute all of them.
     if part[SHAPE] == f32(CUBE):
         for i in range(n):
@@ -279,20 +219,20 @@ def meet_pixels(camera, part, top, places, hits, n):
 
 @kernel(inlined=True, allocates=False)
 def ray_to(camera, part, top, place):
-    """Return the `SolidRay` through the pixel at a place in the coordinates of a placed part."""
+    """Return the `SolidRay` through the pixel at a place in the coordinates of a posed part."""
     sight = sight_at(camera, top, place)
     return solid_ray(part, camera, sight.sx, sight.sy)
 
 
 @kernel(inlined=True, allocates=False)
-def keep_seen(camera, fade, box, tile, work, count):
+def keep_seen_pixels(camera, fade, area, tile, work, count):
     """Move the keys of those of `count` rays of `PartRays` that see a part to the front, with its cover, which is
     reduced by `FADE` and by what the `Tile` has behind it, and t; returns how many there are."""
     kept = int32(0)
     for first in range(0, count, LANES):
         if any_at_least(work.hits.cover, first, f32(LEAST_COVER)):
             for i in range(first, min(first + LANES, count)):
-                at, t = index_of(box, work.keys[i]), work.hits.t[i]
+                at, t = index_of(area, work.keys[i]), work.hits.t[i]
                 cover = work.hits.cover[i] * fade * uncut_share(camera, t, tile.behind[at], tile.sharp[at])
                 # Written in any case, and kept by counting it.
                 work.keys[kept], work.cover[kept], work.t[kept] = work.keys[i], cover, t
@@ -302,7 +242,7 @@ def keep_seen(camera, fade, box, tile, work, count):
 
 @kernel(inlined=True, disjoint=True, allocates=False)
 def paint_pixels(scene, view, part, pixel, top, places, hits, out, n):
-    """Fill `Radiance` [n] with that of a placed part where the rays through the pixels at places [n] meet it, at hits
+    """Fill `Radiance` [n] with that of a posed part where the rays through the pixels at places [n] meet it, at hits
     [n]; pixel: height of a pixel at distance one."""
     for i in range(n):
         sight = sight_at(view.camera, top, places[i])
@@ -310,10 +250,10 @@ def paint_pixels(scene, view, part, pixel, top, places, hits, out, n):
 
 
 @kernel(inlined=True, allocates=False)
-def add_hits(box, layers, work, coloured, count):
+def add_hits(area, layers, work, coloured, count):
     """Add the first `count` of the rays that `PartRays` keep, painted if coloured, to the `Layers` of a tile."""
     for i in range(count):
-        at = index_of(box, work.keys[i])
+        at = index_of(area, work.keys[i])
         found = layers_of(layers, at)
         cover, t = work.cover[i], work.t[i]
         share = f32(0) if not coloured or is_hidden(found, t) else cover
@@ -324,12 +264,12 @@ def add_hits(box, layers, work, coloured, count):
 
 
 @kernel(inlined=True, allocates=False)
-def mark_tile(box, own, drawn, tile, depth, kind, marks, n):
+def mark_tile(area, own, drawn, tile, depth, kind, marks, n):
     """Append the pixels of a `Tile` to the n marks, and set depth and kind [R, W']; returns how many marks there are
     then. own: the prop's class."""
     at = 0
-    for r in range(box.r0, box.r1):
-        for c in range(box.c0, box.c1):
+    for r in range(area.r0, area.r1):
+        for c in range(area.c0, area.c1):
             layers = layers_of(tile.layers, at)
             at += 1
             cover = total_cover(layers)

@@ -7,7 +7,7 @@ import numpy as np
 from numba import int32
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.kernels.camera_rays import image_x, image_y, ray_direction, row_step
+from thalweg.render.kernels.camera_rays import column_of, image_x, image_y, ray_direction, row_of, row_step
 from thalweg.render.kernels.table_lookup import clamp
 from thalweg.render.kernels.terrain.primary_hits import MISS
 
@@ -39,7 +39,7 @@ class Layers(NamedTuple):
 
 
 class PixelSight(NamedTuple):
-    """The ray through a pixel: its place on the image plane, its direction, and the length of that."""
+    """The ray through a pixel: its position on the image plane, its direction, and the length of that."""
 
     sx: Any
     sy: Any
@@ -62,7 +62,7 @@ def pixel_sight(camera, row, column):
 @kernel(inlined=True, allocates=False)
 def sight_at(camera, top, place):
     """Return the `PixelSight` of the pixel at a place whose row is counted from row `top` of the image."""
-    return pixel_sight(camera, int32(top) + (place >> int32(16)), place & int32(0xFFFF))
+    return pixel_sight(camera, int32(top) + row_of(place), column_of(place))
 
 
 @kernel(inlined=True, allocates=False)
@@ -125,6 +125,17 @@ def layered(layers, cover, t, red, green, blue):
 def total_cover(layers):
     """Return the share of a pixel that `Layers` cover together."""
     return layers.cover + (f32(1) - layers.cover) * layers.back_cover
+
+
+@kernel(inlined=True, allocates=False)
+def total_radiance(layers):
+    """Return the radiance of `Layers` times the share of a pixel that they cover: red, green, blue."""
+    rest = f32(1) - layers.cover
+    return (
+        layers.red + rest * layers.back_red,
+        layers.green + rest * layers.back_green,
+        layers.blue + rest * layers.back_blue,
+    )
 
 
 @kernel(inlined=True, allocates=False)

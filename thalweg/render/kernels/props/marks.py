@@ -4,12 +4,13 @@ import numpy as np
 from numba import int32
 
 from thalweg.core.compute.jit import kernel
+from thalweg.render.kernels.props.layers import total_radiance
 
 f32 = np.float32
 
-# Columns of a mark, which is a pixel that shows some of a prop: its place, the share that the prop covers, its radiance
-# times that share, what the pixel showed before (depth, class), the prop's depth and class (0 where it covers less than
-# half), and the light that plants let through, which is known later.
+# Columns of a mark, which is a pixel that shows some of a prop: where it is, the share that the prop covers, its
+# radiance times that share, what the pixel showed before (depth, class), the prop's depth and class (0 where it covers
+# less than half), and the light that plants let through, which is known later.
 ROW, COLUMN, COVER, RED, GREEN, BLUE, DEPTH_BEHIND, KIND_BEHIND, DEPTH, CLASS, LIGHT = range(11)
 MARK_COLUMNS = 11
 
@@ -17,13 +18,10 @@ MARK_COLUMNS = 11
 @kernel(inlined=True, allocates=False)
 def mark(row, r, c, cover, layers, depth, kind, at, own):
     """Fill a mark [MARK_COLUMNS]."""
-    rest = f32(1) - layers.cover
     row[ROW] = f32(r)
     row[COLUMN] = f32(c)
     row[COVER] = cover
-    row[RED] = layers.red + rest * layers.back_red
-    row[GREEN] = layers.green + rest * layers.back_green
-    row[BLUE] = layers.blue + rest * layers.back_blue
+    row[RED], row[GREEN], row[BLUE] = total_radiance(layers)
     row[DEPTH_BEHIND] = depth
     row[KIND_BEHIND] = f32(int32(kind))
     row[DEPTH] = at

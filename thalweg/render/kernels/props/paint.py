@@ -1,4 +1,4 @@
-"""Kernel for the light of props: the radiance of a point of a placed part, under sun and sky, through haze.
+"""Kernel for the light of props: the radiance of a point of a posed part, under sun and sky, through haze.
 
 Plastic and skin shine in the sun; stripes and grain are filtered to the pixel. Props neither cast shadows nor shade
 their own parts, but what is close to the water is wet and dark.
@@ -36,17 +36,17 @@ RED, GREEN, BLUE, STRIPE_R, STRIPE_G, STRIPE_B, AXIS, STRIPES, SHIFT, DUTY, GLOS
 
 @kernel(inlined=True, allocates=False)
 def stripe_share(part, hit, ray, t):
-    """Return the share of a pixel that the stripes of a placed part cover around a `SolidHit` at t on a `SolidRay`."""
+    """Return the share of a pixel that the stripes of a posed part cover around a `SolidHit` at t on a `SolidRay`."""
     axis = int32(part[AXIS])
     at = ray.ox + ray.x * t if axis == 0 else (ray.oy + ray.y * t if axis == 1 else ray.oz + ray.z * t)
     right = ray.right_x if axis == 0 else (ray.right_y if axis == 1 else ray.right_z)
     up = ray.up_x if axis == 0 else (ray.up_y if axis == 1 else ray.up_z)
     count = part[STRIPES] * f32(0.5)
-    place = (at + f32(1)) * count + part[SHIFT]
-    place -= floor(place)
+    turns = (at + f32(1)) * count + part[SHIFT]
+    turns -= floor(turns)
     half = f32(0.5) * part[DUTY]
     # The nearest stripe may lie beyond the end of the period.
-    away = abs(place - half)
+    away = abs(turns - half)
     inside = half - min(away, f32(1) - away)
     width = max((abs(right) + abs(up)) * t * count, f32(1e-4))
     share = clamp(f32(0.5) + inside / width, f32(0), f32(1))
@@ -56,7 +56,7 @@ def stripe_share(part, hit, ray, t):
 
 @kernel(inlined=True, allocates=False)
 def world_normal(part, hit):
-    """Return the unit normal in the world of a `SolidHit` with a placed part."""
+    """Return the unit normal in the world of a `SolidHit` with a posed part."""
     # Normals are turned by the transpose of the inverse map, which is the map that the part holds.
     x = part[MAP] * hit.nx + part[MAP + 3] * hit.ny + part[MAP + 6] * hit.nz
     y = part[MAP + 1] * hit.nx + part[MAP + 4] * hit.ny + part[MAP + 7] * hit.nz
@@ -67,7 +67,7 @@ def world_normal(part, hit):
 
 @kernel(inlined=True, allocates=False)
 def part_radiance(scene, view, part, hit, ray, sight, at, distance, pixel):
-    """Return the radiance (red, green, blue) of a placed part at a `SolidHit` of a `SolidRay`, haze included.
+    """Return the radiance (red, green, blue) of a posed part at a `SolidHit` of a `SolidRay`, haze included.
 
     sight: unit direction of sight, as the next a tuple; at: the point in metres; distance: metres of air up to there;
     pixel: side of the pixel there in metres.

@@ -1,6 +1,6 @@
-"""Kernels that place the parts of props before a camera: which props are in view, where, and over which pixels.
+"""Kernels that pose the parts of props before a camera: which props are in view, where, and over which pixels.
 
-A placed part is a row of numbers: the maps from the world's directions and from pixels to the coordinates of its solid,
+A posed part is a row of numbers: the maps from the world's directions and from pixels to the coordinates of its solid,
 what it looks like, and the rectangle of pixels that it may touch. All that a pixel computes for a prop it computes
 within such a rectangle.
 """
@@ -35,7 +35,7 @@ DETAIL_M = (0.2, 0.3)
 LEAST_LAND_M = 0.25
 """Least height above the water of what stands on land."""
 
-# Columns of a placed part. The map has three rows: what it makes of x, y and z in metres. Then, all in the solid's own
+# Columns of a posed part. The map has three rows: what it makes of x, y and z in metres. Then, all in the solid's own
 # coordinates: the camera, and the directions ahead, to the right and up, of which rays are made.
 SHAPE, TAPER, MAP = 0, 1, 2
 CAMERA, AHEAD, RIGHT, UP = 11, 14, 17, 20
@@ -102,7 +102,7 @@ def sort_in_view(props, camera, order, depth):
 
 
 @kernel(inlined=True, allocates=False)
-def place_prop(scene, view, prop, parts):
+def pose_prop(scene, view, prop, parts):
     """Fill parts [MOST_PARTS, PART_COLUMNS] with those of a prop as a view sees them; returns how many there are."""
     kind = int32(prop[KIND])
     phase = prop[PHASE]
@@ -134,7 +134,7 @@ def place_prop(scene, view, prop, parts):
             own = joined(joint, own)
             x, y, z = turned(joint, x, y, z)
         x, y, z = turned(body, x + model[models.PIVOT_X], y + model[models.PIVOT_Y], z + model[models.PIVOT_Z])
-        place_part(view.camera, model, joined(body, own), prop[X] + x, prop[Y] + y, prop[Z] + z + bob, parts[k])
+        pose_part(view.camera, model, joined(body, own), prop[X] + x, prop[Y] + y, prop[Z] + z + bob, parts[k])
         parts[k, FADE] *= f32(1) if k < int32(models.KINDS[kind, models.MAIN]) else detail
         parts[k, SUNLIT] = sunlit
         parts[k, LEVEL] = prop[Z]
@@ -158,8 +158,8 @@ def ground_at(scene, world, prop, body):
 
 
 @kernel(inlined=True, allocates=False)
-def place_part(camera, model, turn, x, y, z, part):
-    """Fill a placed part [PART_COLUMNS], all but `SUNLIT` and `LEVEL`: a row of `models.PARTS` with its middle at x, y,
+def pose_part(camera, model, turn, x, y, z, part):
+    """Fill a posed part [PART_COLUMNS], all but `SUNLIT` and `LEVEL`: a row of `models.PARTS` with its middle at x, y,
     z in metres, after a `Turn`. `FADE` is 0 for one that is too small to be seen."""
     px = x - camera.x
     py = y - camera.y
@@ -203,7 +203,7 @@ def place_part(camera, model, turn, x, y, z, part):
 
 @kernel(inlined=True, allocates=False)
 def mapped(part, x, y, z):
-    """Return what the map of a placed part makes of a vector in metres."""
+    """Return what the map of a posed part makes of a vector in metres."""
     return (
         part[MAP] * x + part[MAP + 1] * y + part[MAP + 2] * z,
         part[MAP + 3] * x + part[MAP + 4] * y + part[MAP + 5] * z,
@@ -213,7 +213,7 @@ def mapped(part, x, y, z):
 
 @kernel(inlined=True, allocates=False)
 def outline_area(part, wide_x, wide_y, wide_z, half_x, half_y, half_z):
-    """Return the area of an ellipsoid's outline, as the camera of a placed part sees it, over that of a wider one."""
+    """Return the area of an ellipsoid's outline, as the camera of a posed part sees it, over that of a wider one."""
     # The shadow of an ellipsoid along a unit vector v has the area pi * sqrt(sum of (v_i * h_j * h_k)²).
     x = part[CAMERA] * wide_x
     y = part[CAMERA + 1] * wide_y
@@ -225,7 +225,7 @@ def outline_area(part, wide_x, wide_y, wide_z, half_x, half_y, half_z):
 
 @kernel(inlined=True, allocates=False)
 def mirror_box(part, camera):
-    """Return the columns from, to and rows from, to of the image that the mirror image of a placed part may touch.
+    """Return the columns from, to and rows from, to of the image that the mirror image of a posed part may touch.
 
     It is that in calm water, stretched by ripples.
     """
@@ -259,7 +259,7 @@ def mirror_box(part, camera):
 
 @kernel(inlined=True, allocates=False)
 def solid_ray(part, camera, sx, sy):
-    """Return the `SolidRay` through a point of the image plane, in the coordinates of a placed part."""
+    """Return the `SolidRay` through a point of the image plane, in the coordinates of a posed part."""
     right, up = camera.column_step, row_step(camera)
     return SolidRay(
         part[CAMERA], part[CAMERA + 1], part[CAMERA + 2],

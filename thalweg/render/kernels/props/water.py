@@ -12,12 +12,22 @@ import numpy as np
 from numba import int32
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.kernels.camera_rays import HitPoints, Radiance, hit_points, map_origin, place_of, row_step
+from thalweg.render.kernels.camera_rays import (
+    HitPoints,
+    Radiance,
+    column_of,
+    hit_points,
+    map_origin,
+    place_of,
+    row_of,
+    row_step,
+)
 from thalweg.render.kernels.fast_math import floor
 from thalweg.render.kernels.props import models
 from thalweg.render.kernels.props.boxes import pixel_box, rows_of_box, seen_at
+from thalweg.render.kernels.props.mirror_rays import MIRRORED_M
 from thalweg.render.kernels.props.pose import FADE, depth_of, mirror_box
-from thalweg.render.kernels.props.reflections import MIRRORED_M, aim_mirrored, empty_mirror_scratch, mirror_prop
+from thalweg.render.kernels.props.reflections import aim_mirrored, empty_mirror_scratch, mirror_prop
 from thalweg.render.kernels.shading import mirror, sky, water
 from thalweg.render.kernels.shading.background import CHUNK, SEEN, SHORE_M, fill_up
 from thalweg.render.kernels.shading.water_optics import footprint, mirrored_ray
@@ -44,7 +54,7 @@ class Stirred(NamedTuple):
     """Pixels of water around props, and what they would show without them."""
 
     zones: Any
-    """[K, 8] int32, columns from, to and rows from, to of the image that the mirror image of each placed prop may
+    """[K, 8] int32, columns from, to and rows from, to of the image that the mirror image of each posed prop may
     touch, and the same for its waves."""
     first: Any
     """[K + 1] int32, where the pixels of each prop begin."""
@@ -58,18 +68,22 @@ class StirredScratch(NamedTuple):
     """Scratch for `CHUNK` pixels of water."""
 
     depth: Any
+    """[CHUNK] float32, metres along the optical axis."""
     places: Any
+    """[CHUNK + LANES] int32, as `Stirred.places`, filled up to whole vectors."""
     points: Any
+    """`HitPoints` [CHUNK]."""
     out: Any
+    """`Radiance` [CHUNK]."""
     work: Any
-    """A `water.WaterScratch`."""
+    """A `water.WaterScratch` for `CHUNK` points."""
     rays: Any
-    """A `reflections.MirrorScratch`."""
+    """A `reflections.MirrorScratch`, whose arrays are [CHUNK + LANES]."""
 
 
 @kernel(inlined=True, allocates=False)
 def fill_zone(prop, parts, camera, zone):
-    """Fill zone [8] with the rectangles of `Stirred.zones` for a prop; parts: its placed ones."""
+    """Fill zone [8] with the rectangles of `Stirred.zones` for a prop; parts: its posed ones."""
     kind = int32(prop[KIND])
     c0, c1, r0, r1 = int32(camera.width), int32(0), int32(camera.height), int32(0)
     if depth_of(camera, prop) < f32(MIRRORED_M):
@@ -106,14 +120,14 @@ def wave_box(kind, cos, sin, px, py, pz, camera):
 
 
 @kernel(inlined=True, allocates=False)
-def fill_zones(view, props, placed, top, rows, zones):
-    """Fill the zones [K, 8] of the first K placed props; return how many pixels they have within so many rows from
+def fill_zones(view, props, posed, top, rows, zones):
+    """Fill the zones [K, 8] of the first K posed props; return how many pixels they have within so many rows from
     `top` on."""
     pixels = 0
     for k in range(len(zones)):
         first = k * models.MOST_PARTS
-        parts = placed.parts[first : first + placed.counts[k]]
-        fill_zone(props[placed.numbers[k]], parts, view.camera, zones[k])
+        parts = posed.parts[first : first + posed.counts[k]]
+        fill_zone(props[posed.numbers[k]], parts, view.camera, zones[k])
         for half in range(2):
             _, _, _, _, size = rows_of_box(zones[k, 4 * half : 4 * half + 4], top, rows)
             pixels += size
@@ -121,12 +135,12 @@ def fill_zones(view, props, placed, top, rows, zones):
 
 
 @kernel
-def hold_water(view, props, placed, reduced, top, rows):
+def hold_water(view, props, posed, reduced, top, rows):
     """Take the pixels of water around props out of `Buffers` [R, W'], whose rows begin with row `top` of the image, by
     leaving them no light; returns them as `Stirred`. There are none in the reduced quality."""
-    count = 0 if reduced else len(placed.counts)
+    count = 0 if reduced else len(posed.counts)
     zones = np.empty((count, 8), np.int32)
-    pixels = fill_zones(view, props, placed, top, len(rows.depth), zones)
+    pixels = fill_zones(view, props, posed, top, len(rows.depth), zones)
     stirred = Stirred(zones, np.empty(count + 1, np.int32), np.empty(pixels, np.int32), np.empty(pixels, np.float32))
     gather_water(top, rows, stirred)
     return stirred
@@ -156,7 +170,7 @@ def gather_water(top, rows, stirred):
 
 
 @kernel
-def release_water(scene, view, props, placed, top, stirred, rows):
+def release_water(scene, view, props, posed, top, stirred, rows):
     """Shade the pixels of `Stirred`, add them to `Buffers` [R, W'] and give them their light back."""
     if stirred.first[len(stirred.zones)] > 0:
         span = np.empty((11, CHUNK), np.float32)
@@ -165,11 +179,11 @@ def release_water(scene, view, props, placed, top, stirred, rows):
             HitPoints(span[1], span[2], span[3], span[4], span[5], span[6], span[7]),
             Radiance(span[8], span[9], span[10]), water.empty_scratch(CHUNK), empty_mirror_scratch(),
         )  # fmt: skip
-        shade_stirred(scene, view, props, placed, top, stirred, scratch, rows)
+        shade_stirred(scene, view, props, posed, top, stirred, scratch, rows)
 
 
 @kernel(allocates=False)
-def shade_stirred(scene, view, props, placed, top, stirred, scratch, rows):
+def shade_stirred(scene, view, props, posed, top, stirred, scratch, rows):
     """As `release_water`, with `StirredScratch`."""
     camera = view.camera
     origin = map_origin(scene, view)
@@ -183,12 +197,12 @@ def shade_stirred(scene, view, props, placed, top, stirred, scratch, rows):
                 places[i] = stirred.places[begin + i]
             padded = fill_up(places, n)
             for i in range(padded):
-                depth[i] = rows.depth[places[i] >> int32(16), places[i] & int32(0xFFFF)]
+                depth[i] = rows.depth[row_of(places[i]), column_of(places[i])]
             hit_points(camera, origin, inv_cell, top, places, depth, points, padded)
-            shade_chunk(scene, view, props, placed, top, stirred.zones, k, pixel, scratch, padded)
+            shade_chunk(scene, view, props, posed, top, stirred.zones, k, pixel, scratch, padded)
             sky.add_haze(scene, view, points, out, padded)
             for i in range(n):
-                r, c = places[i] >> int32(16), places[i] & int32(0xFFFF)
+                r, c = row_of(places[i]), column_of(places[i])
                 light = stirred.light[begin + i]
                 rows.red[r, c] += light * out.red[i]
                 rows.green[r, c] += light * out.green[i]
@@ -197,14 +211,14 @@ def shade_stirred(scene, view, props, placed, top, stirred, scratch, rows):
 
 
 @kernel(allocates=False)
-def shade_chunk(scene, view, props, placed, top, zones, k, pixel, scratch, n):
-    """As `water.shade_water`, for the n points of `StirredScratch`, which are in the zone of placed prop k, with all
+def shade_chunk(scene, view, props, posed, top, zones, k, pixel, scratch, n):
+    """As `water.shade_water`, for the n points of `StirredScratch`, which are in the zone of posed prop k, with all
     props whose zones touch it; pixel: height of a pixel at distance one."""
     _, places, points, out, work, rays = scratch
     water.ripple_surface(scene, view, points, pixel, work.surface, n)
     for j in range(len(zones)):
         if zones_touch(zones[k], zones[j, 4:]):
-            prop = props[placed.numbers[j]]
+            prop = props[posed.numbers[j]]
             add_waves(scene, view, prop, zones[j, 4:], top, places, points, pixel, work.surface, n)
     mirror.mirror_canopy(scene, view, points, pixel, work.surface, work.mirrored, out, n)
     aim_mirrored(scene, view.world, points, pixel, work.surface, rays.rays, n)
@@ -212,8 +226,8 @@ def shade_chunk(scene, view, props, placed, top, zones, k, pixel, scratch, n):
     for j in range(len(zones) - 1, -1, -1):
         if zones_touch(zones[k], zones[j, :4]):
             first = j * models.MOST_PARTS
-            parts = placed.parts[first : first + placed.counts[j]]
-            prop = props[placed.numbers[j]]
+            parts = posed.parts[first : first + posed.counts[j]]
+            prop = props[posed.numbers[j]]
             mirror_prop(scene, view, prop, parts, zones[j], top, places, pixel, work.mirrored, rays, n)
     water.compose(scene, view, points, pixel, work.surface, work.mirrored, out, n)
 
@@ -261,7 +275,7 @@ def add_waves(scene, view, prop, box, top, places, points, pixel, surface, n):
         side = dy * cos - dx * sin
         away = math.sqrt(back * back + side * side) + f32(1e-4)
         far = away - wide
-        c, r = places[i] & int32(0xFFFF), places[i] >> int32(16)
+        c, r = column_of(places[i]), row_of(places[i])
         inside = (c >= c0) & (c < c1) & (r >= r0) & (r < r1) & (far > f32(0))
         # What is finer than two pixels is seen as roughness.
         foot = footprint(distance[i], pixel, sight_z[i])

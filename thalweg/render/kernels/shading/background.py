@@ -11,7 +11,16 @@ import numpy as np
 from numba import int32, uint32
 
 from thalweg.core.compute.jit import kernel
-from thalweg.render.kernels.camera_rays import HitPoints, Radiance, hit_points, map_origin, place_of, row_step
+from thalweg.render.kernels.camera_rays import (
+    HitPoints,
+    Radiance,
+    column_of,
+    hit_points,
+    map_origin,
+    place_of,
+    row_of,
+    row_step,
+)
 from thalweg.render.kernels.shading import ground, quay, reduced_quality, sky, water
 from thalweg.render.kernels.shading.shore import DEEPEST_M, covered_share, water_shares
 from thalweg.render.kernels.terrain.heightfield_march import TILE
@@ -189,7 +198,7 @@ def divide_shores(scene, view, row, count, band, wide, gathered, waters, grounds
 @kernel(inlined=True, allocates=False)
 def pixel_at(place, wide):
     """Number of the pixel at a place in a band of rows of W' pixels."""
-    return uint32((place >> int32(16)) * int32(wide) + (place & int32(0xFFFF)))
+    return uint32(row_of(place) * int32(wide) + column_of(place))
 
 
 @kernel(inlined=True, allocates=False)

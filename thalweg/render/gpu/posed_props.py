@@ -1,12 +1,12 @@
-"""The GPU kernel that places the props of each camera: those in view, near to far, and the pixels that they touch."""
+"""The GPU kernel that poses the props of each camera: those in view, near to far, and the pixels that they touch."""
 
 import numpy as np
 from numba import cuda, float32, int32
 
 from thalweg.render.gpu.visible_plants import stored_camera
 from thalweg.render.kernels.props import models
-from thalweg.render.kernels.props.draw import join_boxes
-from thalweg.render.kernels.props.pose import depth_in_view, place_prop
+from thalweg.render.kernels.props.pose import depth_in_view, pose_prop
+from thalweg.render.kernels.props.posed_props import join_boxes
 from thalweg.render.kernels.props.water import fill_zone
 from thalweg.render.records.props import MOST_PROPS
 from thalweg.render.records.view import View
@@ -17,11 +17,11 @@ THREADS = MOST_PROPS
 """Threads of a block: one for each prop of a frame."""
 
 
-def place(scene, views, settings, cameras, moments, props, parts, numbers, boxes, zones, counts):
+def pose(scene, views, settings, cameras, moments, props, parts, numbers, boxes, zones, counts):
     """One block a camera: its props [N, P, PROP_COLUMNS] in view, near to far; how many there are goes to counts [N].
 
     parts [N, P * MOST_PARTS, PART_COLUMNS]: those of the k-th begin at k * MOST_PARTS; numbers [N, P, 2] int32: which
-    prop it is, and its parts; boxes [N, P, 4] and zones [N, P, 8] int32: of `draw.PlacedProps` and `water.Stirred`.
+    prop it is, and its parts; boxes [N, P, 4] and zones [N, P, 8] int32: of `PosedProps` and `water.Stirred`.
     """
     n = cuda.blockIdx.x
     p = cuda.threadIdx.x
@@ -43,7 +43,7 @@ def place(scene, views, settings, cameras, moments, props, parts, numbers, boxes
         view = View(views.world_index[n], views.looks[n], camera, moments[n])
         first = rank * models.MOST_PARTS
         own = parts[n, first : first + models.MOST_PARTS]
-        count = place_prop(scene, view, props[n, p], own)
+        count = pose_prop(scene, view, props[n, p], own)
         numbers[n, rank, 0] = p
         numbers[n, rank, 1] = count
         join_boxes(own, count, boxes[n, rank])

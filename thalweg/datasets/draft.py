@@ -104,9 +104,9 @@ def _begin(folder: Path, about: dict[str, Any]) -> None:
         RECORDING.write_json(folder, about)
         return
     recorded = _read(folder / RECORDING.record)
-    before = recorded.get("files") if isinstance(recorded.get("files"), dict) else {}
+    before = recorded.get("files")
     for what, now in about.get("files", {}).items():
-        if isinstance(then := before.get(what), dict):
+        if isinstance(before, dict) and isinstance(then := before.get(what), dict):
             RECORDING.require_same_file(folder, then, now)
     found = list(differences(recorded, about))
     if found:

@@ -75,5 +75,13 @@ def collect_and_train(
         randomisation=drawing.randomisation,
     )
     source = Source(name, seed, RENDER_VERSION, command, tuple(compact_seeds(seeds)))
-    said = {"epochs": epochs, "seed": seed, "held_out": held_out}
-    return train_encoder(frames, config, folder, **said, source=source, identity=drawing.as_data())
+    return train_encoder(
+        frames,
+        config,
+        folder,
+        epochs=epochs,
+        seed=seed,
+        held_out=held_out,
+        source=source,
+        identity=drawing.as_data(),
+    )

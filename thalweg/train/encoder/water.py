@@ -112,10 +112,13 @@ class WaterTraining:
 
     def _learn(self, state: "_State", rows: list[Row], progress: bool) -> None:
         """Take the epochs that are missing in `rows`, and add a row for each."""
-        of_training, of_evaluation = (self.world_seeds, self.quality), (self.held_out_seeds, "full")
+        views: tuple[tuple[Sequence[int], Quality], ...] = (
+            (self.world_seeds, self.quality),
+            (self.held_out_seeds, "full"),
+        )
         shown, judged = (
             Renderer([load_or_build(level, seed) for level in self.levels for seed in seeds], self.camera, quality)
-            for seeds, quality in (of_training, of_evaluation)
+            for seeds, quality in views
         )
         held_out = draw(judged, self.held_out, self.seed + 1_000_003)
         threads = default_torch_threads()

@@ -224,8 +224,9 @@ def _task_identity(task: Task, learner: Learner, collector: Collector) -> dict[s
         identity["image"] = list(task.image)
     if task.critic_size:
         identity["critic_size"] = task.critic_size
-    if task.device.type != "cpu":
-        identity |= {"device": task.device.type} | ({"graphs": True} if task.graphs else {})
+    identity |= run_record.device_identity(task.device.type)
+    if task.graphs:  # on a GPU only
+        identity["graphs"] = True
     return identity
 
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from thalweg.datasets.recordings import add_flight, recording
 from thalweg.env.pilot.steady import MOVES
 from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
+from thalweg.train.folder.run_record import read_config
 from thalweg.train.imitation.cloning import Cloning, CloningTrainer
 from thalweg.train.imitation.recorded_flights import RecordedFlights
 from thalweg.train.imitation.teachers import OPTIONS
@@ -44,6 +46,10 @@ def recorded(folder: Path, *flights: RecordedEpisode, about: About = ABOUT) -> P
         for each in flights:
             add_flight(writer, each)
     return folder
+
+
+def description_of(folder: Path) -> dict[str, Any]:
+    return read_config(folder) or {}
 
 
 def test_sequences_are_the_recorded_steps_with_the_action_before_each(tmp_path: Path):
@@ -106,6 +112,29 @@ def test_an_interrupted_run_resumes_to_the_same_numbers(
     assert rows(tmp_path / "parts") == rows(tmp_path / "whole") and len(rows(tmp_path / "whole")) == 6
     flat = [load_policy(tmp_path / name).actor.stack.flat for name in ("whole", "parts")]
     assert torch.equal(*flat)
+
+
+def test_a_run_on_a_gpu_is_recorded_and_resumed_there_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    class Reached(Exception):
+        """The student would be made."""
+
+    folder = recorded(tmp_path / "flights", flight(20))
+    on_cpu = Cloning(tmp_path / "cpu", [folder], steps=16, sequences=4, settings=SMALL, threads=1)
+    on_cpu.run()
+    assert "device" not in description_of(tmp_path / "cpu")["run"]
+    monkeypatch.setattr("thalweg.train.imitation.cloning.resolve_device", lambda name: f"{name}:0")
+    monkeypatch.setattr("thalweg.train.folder.run_record.gpu_info", lambda: {"gpu": "A card"})
+    monkeypatch.setattr("thalweg.train.imitation.cloning.Student", Mock(side_effect=Reached))
+    with pytest.raises(TrainingError, match="device"):
+        replace(on_cpu, device="cuda").run()
+    on_gpu = replace(on_cpu, folder=tmp_path / "gpu", device="cuda")
+    with pytest.raises(Reached):
+        on_gpu.run()
+    description = description_of(tmp_path / "gpu")
+    assert (description["device"], description["run"]["device"]) == ("cuda", "cuda")
+    assert description["machine"]["gpu"] == "A card"
+    with pytest.raises(TrainingError, match="device"):
+        replace(on_gpu, device="cpu").run()
 
 
 @pytest.mark.parametrize(

@@ -23,12 +23,19 @@ MAPPINGS = (("run",), ("versions",), ("machine",), *(("run", "context", key) for
 """Parts of config.yaml that are mappings where they are there."""
 STATUS_NUMBERS = ("steps", "episodes", "return_mean", "cost_mean", "cost_rate", "seconds")
 """Numbers of status.json, null where there is none."""
+DEVICE, CPU = "device", "cpu"
+"""Key of an identity for the kind of device that a run learns on, and the kind that is not recorded."""
 RUN_FOLDER = FolderKind("run", CONFIG, TrainingError, ignores_hidden=True)
+
+
+def device_identity(kind: str) -> dict[str, Any]:
+    """Return the entry of a run's identity for a kind of device, such as cuda; empty for the CPU."""
+    return {} if kind == CPU else {DEVICE: kind}
 
 
 def describe(identity: dict[str, Any], threads: int) -> dict[str, Any]:
     """Return the content of config.yaml: the run's identity, versions, device and machine."""
-    device = identity.get("device", "cpu")
+    device = identity.get(DEVICE, CPU)
     return {
         "run": identity,
         "versions": package_versions(),

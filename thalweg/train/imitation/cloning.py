@@ -28,6 +28,7 @@ from thalweg.env.task.bird_eye import COLUMNS, ROWS
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION
 from thalweg.train.errors import TrainingError
+from thalweg.train.folder.run_record import device_identity
 from thalweg.train.imitation.flights import lesson_of
 from thalweg.train.imitation.mask_noise import corrupt
 from thalweg.train.imitation.mirroring import mirror
@@ -61,7 +62,8 @@ class Cloning:
     checkpoint_seconds: float = 60.0
     """Least time between two checkpoints."""
     device: str = "cpu"
-    """Device of the student, see `thalweg.core.compute.device`."""
+    """Device of the student, see `thalweg.core.compute.device`. A run is resumed on the kind of device that it began
+    on."""
 
     def run(self, *, progress: bool = False) -> RunResult:
         """Train the student, or resume the run in the folder; a finished run is returned at once.
@@ -84,7 +86,7 @@ class Cloning:
                 f"the recordings have {len(flights.first)} steps, fewer than the {config.sequence} of one sequence:"
                 f" record more, or set sequence={len(flights.first)}"
             )
-        identity = self._identity(config, flights)
+        identity = self._identity(config, flights) | device_identity(device.type)
         status = open_folder(self.folder, identity, threads)
         if status.get("state") == "finished":
             return result_of(self.folder, status, resumed_from=None, already_finished=True)

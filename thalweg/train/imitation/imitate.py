@@ -24,7 +24,7 @@ from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.errors import TrainingError
-from thalweg.train.folder.run_record import RUN_FOLDER, read_context
+from thalweg.train.folder.run_record import RUN_FOLDER, device_identity, read_context
 from thalweg.train.imitation.gate import check_teacher, flown_by
 from thalweg.train.imitation.teachers import OPTIONS
 from thalweg.train.imitation.trainer import ImitationTrainer
@@ -78,8 +78,7 @@ class Imitation:
         identity = self._identity(config, rules, grounds, seeds)
         river = identity["context"].get("river", {})
         RUN_FOLDER.require_same_file(self.folder, read_context(self.folder).get("river") or {}, river)
-        if device.type != "cpu":
-            identity |= {"device": device.type}
+        identity |= device_identity(device.type)
         compilation.begin()
         rivers = self._rivers(grounds, seeds)
         env = RiverVectorEnv(rivers, self.num_envs, rules, device=str(device))

@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import pytest
 from PIL import Image
 
@@ -20,7 +21,9 @@ from thalweg.algos.presets import PAPER
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.cli.encoder import ENCODER_COMMANDS
 from thalweg.cli.main import COMMANDS, _parse
+from thalweg.env.spaces import part_spaces
 from thalweg.render import Camera
+from thalweg.render.records.classes import CLASSES
 from thalweg.render.records.randomisation import Randomisation
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -223,6 +226,24 @@ def test_settings_of_the_pages_are_those_of_the_code(column: str):
         if value != real and value != pytest.approx(real):
             wrong.append(f"{name}: {setting} is {real}, the page says {value}")
     assert not wrong and compared > 20
+
+
+def shown_space(space: gymnasium.spaces.Box) -> str:
+    """The space of a part of an observation as the page of environments writes it; bounds of numbers are left out."""
+    size = ["H", "W", str(space.shape[-1])] if len(space.shape) == 3 else [str(space.shape[0])]
+    low, high = (f"{value:g}" for value in (space.low.min(), space.high.max()))
+    return f"{space.dtype} [{', '.join(size)}]" + (f", {low}..{high}" if len(size) > 1 else "")
+
+
+def test_the_page_of_environments_states_the_space_of_each_part():
+    page = (ROOT / "docs" / "environment.md").read_text()
+    table = page.split("| part | space | what it is |\n|---|---|---|\n")[1].split("\n\n")[0]
+    rows = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in table.splitlines()]
+    spaces = part_spaces(8, 8)
+    assert [row[:2] for row in rows] == [[f"`{name}`", shown_space(space)] for name, space in spaces.items()]
+    assert rows[list(spaces).index("class")][2].endswith(f": {', '.join(CLASSES)}")
+    numbers = spaces["privileged"].shape[0]
+    assert f"| `privileged` | float32 [{numbers}], what" in page and f"`privileged` is {numbers} numbers" in page
 
 
 @pytest.mark.parametrize("name", [name for name in PAPER if not issubclass(ALGORITHMS[name].config, OnPolicyConfig)])

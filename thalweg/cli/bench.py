@@ -154,7 +154,7 @@ def verification_lines(outcome: "Verification", recorded: Path, fresh: Path) -> 
         lines.append("  on the same kind of processor, with the same packages: compared to the bit")
     for part in outcome.parts:
         agrees = part.means or "the same to the bit"
-        lines.append(f"  {part.name}, {part.rows} episodes: {'; '.join(part.differences) or agrees}")
+        lines.append(f"  {part.name}, {part.episodes} episodes: {'; '.join(part.differences) or agrees}")
     lines.append(f"{outcome.run}: {'reproduced' if outcome.reproduced else 'NOT reproduced'}")
     return lines
 

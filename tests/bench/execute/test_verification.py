@@ -45,7 +45,12 @@ def test_a_run_that_is_made_again_agrees_to_the_bit(recorded: Path, tmp_path: Pa
     again = RecordingBackend()
     (outcome,) = verify(SUITE, recorded, tmp_path / "fresh", ONLY, again)
     assert outcome.reproduced and outcome.conditions == ()
-    assert [(part.name, part.rows) for part in outcome.parts] == [("curve", 2), ("Easy", 3), ("Medium", 3), ("Hard", 3)]
+    assert [(part.name, part.episodes) for part in outcome.parts] == [
+        ("curve", 2),
+        ("Easy", 3),
+        ("Medium", 3),
+        ("Hard", 3),
+    ]
     assert [call for call in again.calls if "train" in call] == ["train PPO-0"]
     assert not (tmp_path / "fresh" / "report").exists()
 
@@ -54,7 +59,8 @@ def test_a_run_whose_episodes_are_not_kept_is_compared_by_its_curve(recorded: Pa
     for path in recorded.glob("runs/*/episodes.csv"):
         path.unlink()
     (outcome,) = verify(SUITE, recorded, tmp_path / "fresh", ONLY, RecordingBackend())
-    assert outcome.reproduced and (outcome.parts[0].name, outcome.parts[0].rows) == ("curve", 1)
+    assert outcome.reproduced and (outcome.parts[0].name, outcome.parts[0].episodes) == ("curve", 2)
+    assert "  curve, 2 episodes: the same to the bit" in verification_lines(outcome, recorded, tmp_path / "fresh")
     (outcome,) = verify(SUITE, recorded, tmp_path / "other", ONLY, RecordingBackend(returns=(1.5, 2.25)))
     assert outcome.parts[0].differences == ("line 2: return 2.0 there, 1.875 here",)
 

@@ -37,7 +37,7 @@ def test_a_table_has_one_place_for_each_run():
 def test_equal_tables_have_no_difference(tmp_path: Path):
     there, here = (written(tmp_path, name, "10,1.5,0.0", "99,0.30000000000000004,0.2") for name in "ab")
     part = compare_to_the_bit(CURVE, there, here)
-    assert (part.name, part.rows, part.differences) == ("curve", 2, ())
+    assert (part.name, part.episodes, part.differences) == ("curve", 2, ())
 
 
 def test_the_last_bit_of_a_number_is_found_and_named(tmp_path: Path):
@@ -69,6 +69,14 @@ def test_a_block_of_a_curve_counts_as_often_as_it_has_episodes(tmp_path: Path):
     blocks = written(tmp_path, "a", "10,50,1.0,1.0", "95,50,8.0,0.0", "99,10,2.0,0.6", header=header)
     part = compare_means(CURVE, [blocks], blocks, blocks)
     assert part.means.startswith("return 7.00 there, 7.00 here")  # (50 * 8 + 10 * 2) / 60
+    assert part.episodes == compare_to_the_bit(CURVE, blocks, blocks).episodes == 110
+
+
+def test_a_block_with_an_impossible_number_of_episodes_is_refused(tmp_path: Path):
+    path = written(tmp_path, "a", "95,inf,8.0,0.0", header="step,episodes,return,cost")
+    for compare in (compare_to_the_bit, lambda *files: compare_means(files[0], [files[1]], *files[1:])):
+        with pytest.raises(ResultsError, match=f"{path}: episodes: a finite number is needed, got 'inf'"):
+            compare(CURVE, path, path)
 
 
 def test_the_page_states_the_tolerances():

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from thalweg.bench.csv_files import ResultsError, read_csv
+from thalweg.bench.csv_files import ResultsError, finite, read_csv
 
 LAST_SHARE = 0.1
 """Share of the steps of training, at their end, whose episodes give the means of a curve."""
@@ -51,8 +51,8 @@ class Part:
     """What became of one table of a run."""
 
     name: str
-    rows: int
-    """Number of recorded rows."""
+    episodes: int
+    """Number of recorded episodes."""
     differences: tuple[str, ...]
     """What is not the same, or not within the tolerances; empty if all is."""
     means: str = ""
@@ -81,7 +81,7 @@ def compare_to_the_bit(table: Table, there: Path, here: Path) -> Part:
     recorded, repeated = (read_csv(path, table.columns) for path in (there, here))
     found = list(_differences(table, recorded, repeated))
     more = [f"and {len(found) - MOST_NAMED} more"] if len(found) > MOST_NAMED else []
-    return Part(table.name, len(recorded), (*found[:MOST_NAMED], *more))
+    return Part(table.name, int(sum(_episodes(there, recorded))), (*found[:MOST_NAMED], *more))
 
 
 def _differences(table: Table, recorded: Sequence[Row], repeated: Sequence[Row]) -> Iterator[str]:
@@ -110,7 +110,17 @@ def compare_means(table: Table, seeds: Sequence[Path], there: Path, here: Path) 
         said.append(words)
         if not abs(mean - repeated[name]) <= allowed:
             wrong.append(words)
-    return Part(table.name, len(read_csv(there, table.columns)), tuple(wrong), "; ".join(said))
+    episodes = int(sum(_episodes(there, read_csv(there, table.columns))))
+    return Part(table.name, episodes, tuple(wrong), "; ".join(said))
+
+
+def _episodes(path: Path, rows: Sequence[Row]) -> list[float]:
+    """Return the number of episodes of each row, which is a block of them in a curve; raises `ResultsError` for a value
+    that is no finite number."""
+    try:
+        return [finite(row.get("episodes", "1")) for row in rows]
+    except ValueError as error:
+        raise ResultsError(f"{path}: episodes: {error}") from error
 
 
 def _means(table: Table, path: Path, wanted: Sequence[str] = ()) -> dict[str, float]:
@@ -121,9 +131,9 @@ def _means(table: Table, path: Path, wanted: Sequence[str] = ()) -> dict[str, fl
         if table.steps:
             rows = [row for row in rows if float(row["step"]) > (1 - LAST_SHARE) * table.steps]
         means = {name: [float(row[name]) for row in rows] for name in TOLERANCES if name in (rows or [{}])[0]}
-        episodes = [float(row.get("episodes", 1)) for row in rows]  # a row of a curve is a block of episodes
     except ValueError as error:
         raise ResultsError(f"{path}: {error}") from error
+    episodes = _episodes(path, rows)
     if not sum(episodes):
         raise ResultsError(f"{path}: {table.name} has no episodes to compare")
     if missing := [name for name in wanted if name not in means]:

@@ -16,6 +16,7 @@ from PIL import Image
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.evaluate.course import UNSEEN
 from thalweg.bench.suite.builtin import SUITES
+from thalweg.cli.command import Command
 from thalweg.cli.encoder import ENCODER_COMMANDS, EncoderTrain
 from thalweg.cli.main import COMMANDS, _parse, main
 from thalweg.cli.options import NO_FILE, RiverFile, settings_from
@@ -330,6 +331,13 @@ def test_an_unknown_word_ends_with_status_2(arguments: list[str], capsys: pytest
     with pytest.raises(SystemExit) as ended:
         main(arguments)
     assert ended.value.code == 2
+
+
+def test_every_command_says_what_becomes_of_an_interrupted_one():
+    kinds = {**COMMANDS, **ENCODER_COMMANDS}
+    assert [name for name, kind in kinds.items() if not issubclass(kind, Command)] == []
+    resuming = {name for name, kind in kinds.items() if kind.resumes}
+    assert resuming == {"train", "imitate", "bench", "record", "oracle", "study"}
 
 
 def test_an_interrupt_explains_how_to_resume(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
+from thalweg.cli.command import Command
 from thalweg.cli.forces import STILL, ForceFlags, Forces
 from thalweg.cli.options import NO_FILE, Plugins, Policies, River, RiverFile, UsageError, checked_task
 from thalweg.cli.views import AS_IN_LEVELS, TrainedViews, Views
@@ -26,7 +27,7 @@ SUITE = (
 
 
 @dataclass(frozen=True)
-class Bench:
+class Bench(Command):
     """Train, evaluate and report a suite of runs; the same command resumes."""
 
     suite: Positional[Annotated[str, arg(help=SUITE)]]
@@ -52,6 +53,8 @@ class Bench:
     policy: Policies = ()
     """Function that is flown without training, such as fly.py:fly; may be given several times."""
     plugin: Plugins = ()
+
+    resumes = True
 
     def run(self) -> int:
         asked = RequestedRuns(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+from thalweg.cli.command import Command
 from thalweg.cli.encoder_defaults import by_target
 from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, UsageError, check_file
 from thalweg.cli.run_result import tell_finished
@@ -14,7 +15,7 @@ from thalweg.core.seeds import parse_seeds
 
 
 @dataclass(frozen=True)
-class EncoderTrain:
+class EncoderTrain(Command):
     """Train an autoencoder, an encoder of geometry, or a finder of water on frames; the same command resumes."""
 
     out: Path
@@ -56,6 +57,8 @@ class EncoderTrain:
     """For geometry only: where to draw frames and learn: cpu, cuda, cuda:1, or auto."""
     seed: int = 0
     """Seed of the poses and of the training."""
+
+    resumes = True
 
     def run(self) -> int:
         if self.target == "water":
@@ -174,7 +177,7 @@ class EncoderTrain:
 
 
 @dataclass(frozen=True)
-class EncoderShow:
+class EncoderShow(Command):
     """Describe an encoder, and draw frames, masks and their reconstructions if it has any."""
 
     path: Path | None = None
@@ -209,7 +212,7 @@ class EncoderShow:
 
 
 @dataclass(frozen=True)
-class EncoderStudy:
+class EncoderStudy(Command):
     """Compare encoders of several code sizes and inputs, and probe their codes linearly; the same command resumes."""
 
     out: Path
@@ -227,6 +230,8 @@ class EncoderStudy:
     precision: str = "auto"
     """float32, bfloat16, or auto for the faster of the two on this machine; the same for all encoders of a study."""
 
+    resumes = True
+
     def run(self) -> int:
         from thalweg.bench.studies.encoder_study import StudyConfig, run_study
 
@@ -237,7 +242,7 @@ class EncoderStudy:
 
 
 @dataclass(frozen=True)
-class Encoder:
+class Encoder(Command):
     """Train, inspect or compare encoders."""
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
+from thalweg.cli.command import Command
 from thalweg.cli.forces import STILL, Forces
 from thalweg.cli.options import NO_FILE, Plugins, River, UsageError, check_file, checked_task
 from thalweg.core.seeds import parse_seeds
@@ -25,7 +26,7 @@ LEVELS_OF = {"uav": ("Easy", "Medium", "Hard"), "asv": ("Easy", "Medium-Deep", "
 
 
 @dataclass(frozen=True)
-class Evaluate:
+class Evaluate(Command):
     """Evaluate a policy from the fixed list of starts of each river."""
 
     policy: Positional[str]

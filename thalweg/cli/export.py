@@ -5,12 +5,13 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from thalweg.cli.command import Command
 from thalweg.cli.flight_options import policy_name
 from thalweg.cli.options import Plugins, check_file
 
 
 @dataclass(frozen=True)
-class Export:
+class Export(Command):
     """Write a policy as one ONNX file with its encoder, memory, preprocessing and choice of actions."""
 
     policy: Positional[str] = "packaged"

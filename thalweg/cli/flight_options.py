@@ -4,11 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from thalweg.cli.command import Command
 from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, checked_task
 
 
 @dataclass(frozen=True)
-class ChosenFlight:
+class ChosenFlight(Command):
     """A flight by its options."""
 
     level: str | None = None

@@ -5,12 +5,13 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from thalweg.cli.command import Command
 from thalweg.cli.flight_options import policy_name
 from thalweg.cli.options import Plugins, UsageError, check_file
 
 
 @dataclass(frozen=True)
-class Follow:
+class Follow(Command):
     """Show over a video the water that is found in it, and the moves that a policy would choose."""
 
     video: Positional[Path]

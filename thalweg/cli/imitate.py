@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from thalweg.cli.command import Command, after_checkpoint
 from thalweg.cli.options import NO_FILE, River, UsageError, settings_from
 from thalweg.cli.run_result import print_result
 from thalweg.cli.settings_help import HELP, print_settings
@@ -11,7 +12,7 @@ from thalweg.core.seeds import parse_seeds
 
 
 @dataclass(frozen=True)
-class Imitate:
+class Imitate(Command):
     """Teach a policy that sees frames by a pilot that knows the map (DAgger); the same command resumes."""
 
     out: Path | None = None
@@ -39,6 +40,11 @@ class Imitate:
     """Threads for learning; by default as many as there are processors, within OMP_NUM_THREADS."""
     device: str = "cpu"
     """Where to draw frames and learn: cpu, cuda, cuda:1, or auto, which uses a GPU if one works."""
+
+    resumes = True
+
+    def after_interrupt(self) -> str:
+        return after_checkpoint(self.out)
 
     def run(self) -> int:
         from thalweg.algos.imitation.config import ImitationConfig

@@ -5,12 +5,13 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from thalweg.cli.command import Command
 from thalweg.cli.options import Plugins, check_file
 from thalweg.core.atomic_io import write_atomic
 
 
 @dataclass(frozen=True)
-class Leaderboard:
+class Leaderboard(Command):
     """Rank the policies of results folders, task by task: first by meeting the cost limit, then by return."""
 
     results: Positional[tuple[Path, ...]]

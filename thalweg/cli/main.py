@@ -24,7 +24,8 @@ import tyro
 from tyro.conf import OmitSubcommandPrefixes, subcommand
 
 from thalweg.cli.bench import Bench
-from thalweg.cli.encoder import ENCODER_COMMANDS, Encoder, EncoderStudy, EncoderTrain
+from thalweg.cli.command import NOTHING_SAVED, Command
+from thalweg.cli.encoder import ENCODER_COMMANDS, Encoder
 from thalweg.cli.evaluate import Evaluate
 from thalweg.cli.export import Export
 from thalweg.cli.film import Film
@@ -74,8 +75,6 @@ COMMANDS = {
 
 COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 """A code that sets a colour on a terminal."""
-RESUMABLE = (Train, Imitate, Bench, EncoderTrain, EncoderStudy, Record)
-"""Commands that resume when they are given again."""
 NAMES_IN_USAGE = re.compile(r"\{\w+(,\w+){4,}\}")
 """Names of all commands in a usage, which are listed below it one by one."""
 CLOSED_PIPE = 128 + 13
@@ -107,7 +106,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     if given == ["--version"]:
         print(f"thalweg {version('thalweg')}")
         return 0
-    command = None
+    command: Command | None = None
     try:
         command = _parse(given)
         _check_seeds(command)
@@ -118,7 +117,7 @@ def _run(arguments: Sequence[str] | None) -> int:
             signal.signal(signal.SIGTERM, signal.default_int_handler)  # SIGTERM interrupts like Ctrl-C
         return command.run()
     except KeyboardInterrupt:
-        print(f"\nInterrupted. {_after_interrupt(command)}", file=sys.stderr)
+        print(f"\nInterrupted. {NOTHING_SAVED if command is None else command.after_interrupt()}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         raise
@@ -130,7 +129,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         return 2
 
 
-def _in_words(error: Exception, command: Any) -> str:
+def _in_words(error: Exception, command: Command | None) -> str:
     """Return an error as one line that names options; that of a full disk says what becomes of the command."""
     if isinstance(error, ModuleNotFoundError):
         return advice_for(error) or str(error)
@@ -139,7 +138,7 @@ def _in_words(error: Exception, command: Any) -> str:
     if not is_disk_error(error):
         return str(error)
     where = "a file" if error.filename is None else error.filename
-    resumes = f". {_after_interrupt(command)}" if isinstance(command, RESUMABLE) else ""
+    resumes = f". {command.after_interrupt()}" if command is not None and command.resumes else ""
     return f"{where} cannot be written: {error.strerror}{resumes}"
 
 
@@ -173,7 +172,7 @@ def _show_thread_error(arguments: threading.ExceptHookArgs) -> None:
         threading.__excepthook__(arguments)
 
 
-def _parse(arguments: list[str]) -> Any:
+def _parse(arguments: list[str]) -> Command:
     """Return the command with its options; a command that is named is parsed alone, so that hints are its own.
 
     `train PPO` is short for `train --algorithm PPO`.
@@ -185,7 +184,7 @@ def _parse(arguments: list[str]) -> Any:
     return _parse_one_of(COMMANDS, "thalweg", DESCRIPTION, arguments)
 
 
-def _parse_one_of(commands: Mapping[str, Any], prog: str, description: str, arguments: list[str]) -> Any:
+def _parse_one_of(commands: Mapping[str, Any], prog: str, description: str, arguments: list[str]) -> Command:
     if arguments and arguments[0] in commands:
         kind = commands[arguments[0]]
         with contextlib.redirect_stdout(_WrappedLines(sys.stdout)):
@@ -234,26 +233,6 @@ def _wrapped(line: str) -> str:
         else:
             lines.append(word)
     return "\n".join(lines)
-
-
-def _after_interrupt(command: Any) -> str:
-    """What becomes of a command that was interrupted."""
-    if isinstance(command, Train | Imitate):
-        from thalweg.train.folder.checkpoint import newest_step
-
-        step = None if command.out is None else newest_step(command.out)
-        if step is not None:
-            return f"The same command resumes from step {step:,}."
-        return "There was no checkpoint yet; the same command starts from the beginning."
-    if isinstance(command, Record):
-        from thalweg.datasets.draft import finished_flights
-
-        if finished := len(finished_flights(command.out)):
-            return f"Flights that are finished: {finished}. The same command records the others."
-        return "No flight was finished; the same command starts from the beginning."
-    if isinstance(command, RESUMABLE):
-        return "The same command resumes from the last checkpoint."
-    return "Nothing was saved; the same command starts from the beginning."
 
 
 def _is_expected(error: Exception) -> bool:

@@ -41,6 +41,15 @@ class Record(FlownFlight):
     video: bool = False
     """Keep the colours as an H.264 video, which is smaller and lossy; else every frame is lossless."""
 
+    resumes = True
+
+    def after_interrupt(self) -> str:
+        from thalweg.datasets.draft import finished_flights
+
+        if finished := len(finished_flights(self.out)):
+            return f"Flights that are finished: {finished}. The same command records the others."
+        return "No flight was finished; the same command starts from the beginning."
+
     def run(self) -> int:
         from rich.console import Console
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from thalweg.cli.command import Command
 from thalweg.cli.options import NO_FILE, POSE, Plugins, River, UsageError, check_file, checked_task, load_world
 from thalweg.cli.views import camera_from
 from thalweg.core.atomic_io import write_picture
@@ -15,7 +16,7 @@ PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 
 
 @dataclass(frozen=True)
-class RenderFrames:
+class RenderFrames(Command):
     """Draw the camera's views: a grid of frames above their water masks, or a gallery of looks."""
 
     level: str | None = None

@@ -5,12 +5,13 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from thalweg.cli.command import Command
 from thalweg.cli.options import Plugins, UsageError
 from thalweg.core.notices import notice
 
 
 @dataclass(frozen=True)
-class Report:
+class Report(Command):
     """Write the report of a results folder, from its files alone."""
 
     results: Positional[Path]

@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from thalweg.cli.command import Command
 from thalweg.cli.options import check_file
 
 
 @dataclass(frozen=True)
-class Speed:
+class Speed(Command):
     """Measure the speed of each part on this machine."""
 
     json: bool = False

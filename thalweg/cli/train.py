@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from thalweg.cli.command import Command, after_checkpoint
 from thalweg.cli.forces import STILL, Forces
 from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, UsageError, checked_task, settings_from
 from thalweg.cli.run_result import print_result
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Train:
+class Train(Command):
     """Train a policy on a river from frames or from the privileged observation; the same command resumes."""
 
     out: Path | None = None
@@ -70,6 +71,11 @@ class Train:
     graphs: bool = False
     """Record the gradient steps of DDPGLag, TD3Lag and SACLag as CUDA graphs and replay them."""
     plugin: Plugins = ()
+
+    resumes = True
+
+    def after_interrupt(self) -> str:
+        return after_checkpoint(self.out)
 
     def run(self) -> int:
         from thalweg.algos.registry import algorithm_named

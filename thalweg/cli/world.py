@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from thalweg.cli.command import Command
 from thalweg.cli.options import NO_FILE, River, UsageError, check_file, load_world
 from thalweg.core.notices import notice
 
 
 @dataclass(frozen=True)
-class DrawWorld:
+class DrawWorld(Command):
     """Draw a river from above: centre line, widths, bridges and islands."""
 
     level: str | None = None

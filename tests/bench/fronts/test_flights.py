@@ -1,6 +1,8 @@
 """Tests of the points of a front, from flights over a canal, and of the command that flies them."""
 
+from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from tests.env.handmade import canal
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.fronts import flights
 from thalweg.bench.fronts.flights import fly, front_points
-from thalweg.bench.fronts.fronts import read_fronts
+from thalweg.bench.fronts.fronts import read_fronts, write_fronts
 from thalweg.cli.main import main
 from thalweg.core import versions
 from thalweg.env import EnvConfig
@@ -54,6 +56,60 @@ def test_the_command_adds_to_a_file_and_replaces_what_it_flies_again(
     found = {(point.task, point.price, point.episodes) for point in read_fronts(tmp_path / "fronts.csv")}
     assert found == {("RacingLine", 0.0, 2), ("RacingLine", 1.0, 2), ("Nests", 0.5, 3)}
     assert "Nests, Medium, fixed rivers" in capsys.readouterr().out
+
+
+def test_an_interrupted_command_keeps_finished_fronts_and_flies_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    world, asked = canal(length_m=60.0, width_m=10.0), []
+    monkeypatch.setattr(Course, "of_level", lambda _, settings, **__: Course.on(world, settings))
+    fly_at = flights.fly
+
+    def interrupted(course: Course, settings: EvaluationConfig, price: float) -> flights.Flights:
+        if settings.env.task == stop_at:
+            raise KeyboardInterrupt
+        asked.append((settings.env.task, price))
+        return fly_at(course, settings, price)
+
+    monkeypatch.setattr(flights, "fly", interrupted)
+    out = tmp_path / "fronts.csv"
+    command = ["oracle", "--tasks", "Nests", "RacingLine", "--episodes", "2", "--prices", "0", "1", "--out", str(out)]
+    stop_at = "Nests"
+    assert main(command) == 130
+    assert capsys.readouterr().err == "\nInterrupted. Nothing was saved; the same command starts from the beginning.\n"
+    stop_at = "RacingLine"
+    assert main(command) == 130
+    told = capsys.readouterr().err
+    assert told == "\nInterrupted. Fronts that are finished: 1. The same command flies the others.\n"
+    first, stop_at = read_fronts(out), ""
+    assert main(command) == 0
+    assert asked == [("Nests", 0.0), ("Nests", 1.0), ("RacingLine", 0.0), ("RacingLine", 1.0)]
+    assert f"Nests, Medium, fixed rivers, 2 of 2 points from {out}\n" in capsys.readouterr().out
+    assert read_fronts(out)[:2] == first
+    assert main([*command[:3], "--episodes", "2", "--prices", "0.5", "1", "--out", str(out)]) == 0
+    assert asked[4:] == [("Nests", 0.5)]
+    assert [point.price for point in read_fronts(out) if point.task == "Nests"] == [0.0, 0.5, 1.0]
+
+
+def test_points_of_an_older_version_are_flown_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    world = canal(length_m=60.0, width_m=10.0)
+    monkeypatch.setattr(Course, "of_level", lambda _, settings, **__: Course.on(world, settings))
+    out = tmp_path / "fronts.csv"
+    command = ["oracle", "--tasks", "Nests", "--episodes", "2", "--prices", "1", "--out", str(out)]
+    assert main(command) == 0
+    (new,) = read_fronts(out)
+    write_fronts(out, [replace(new, tasks=versions.TASKS - 1, return_=0.0)])
+    assert main(command) == 0
+    assert read_fronts(out) == [new]
+
+
+def test_a_file_of_another_kind_is_refused_before_anything_is_flown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    (tmp_path / "other.csv").write_text("step,return\n1,2.0\n")
+    monkeypatch.setattr(flights, "fly", Mock(side_effect=AssertionError("flown")))
+    assert main(["oracle", "--tasks", "Nests", "--out", str(tmp_path / "other.csv")]) == 2
+    assert "other.csv lacks the columns" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

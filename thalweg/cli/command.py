@@ -1,0 +1,30 @@
+"""`Command`: what the commands have in common, and what is said of an interrupted one."""
+
+from pathlib import Path
+
+NOTHING_SAVED = "Nothing was saved; the same command starts from the beginning."
+
+
+class Command:
+    """A command, whose fields are its options."""
+
+    resumes = False
+    """Whether the same command resumes."""
+
+    def run(self) -> int:
+        """Do the work; returns the exit status."""
+        raise NotImplementedError
+
+    def after_interrupt(self) -> str:
+        """Return what becomes of the command when it was interrupted, as a sentence for people."""
+        return "The same command resumes from the last checkpoint." if self.resumes else NOTHING_SAVED
+
+
+def after_checkpoint(out: Path | None) -> str:
+    """Return what becomes of an interrupted training in the folder of a run."""
+    from thalweg.train.folder.checkpoint import newest_step
+
+    step = None if out is None else newest_step(out)
+    if step is not None:
+        return f"The same command resumes from step {step:,}."
+    return "There was no checkpoint yet; the same command starts from the beginning."

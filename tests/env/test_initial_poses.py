@@ -1,6 +1,7 @@
 """Tests of the poses at which episodes start: random ones and given ones."""
 
 import math
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -10,6 +11,7 @@ from tests.env.handmade import canal, ring
 from tests.env.winding import river
 from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv, UnsafePoseError, sample_starts
 from thalweg.env.initial_poses import CLOCK_RANGE_S, check_pose
+from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.termination import island_at
 from thalweg.world.bridges import bridge_across
@@ -141,8 +143,20 @@ def test_a_start_depends_on_the_seed_and_its_number_alone():
 
 
 def test_a_course_without_a_safe_start_is_an_error():
-    with pytest.raises(UnsafePoseError, match="no safe start"):
+    with pytest.raises(UnsafePoseError, match="no safe start") as raised:
         sample_starts(ring(width_m=0.9), 1, seed=0)
+    for words in ("found in handmade-0 among", "start_clearance_m = 0.5", "start_heading_deg = 80", "0.5 to 15 m"):
+        assert words in str(raised.value)
+
+
+def test_the_river_without_a_safe_start_is_named_where_episodes_change_it():
+    env = RiverVectorEnv(
+        RiverList([canal(), replace(ring(width_m=0.9), name="narrow")]), 1, EnvConfig(observation="none")
+    )
+    with pytest.raises(UnsafePoseError, match="no safe start found in narrow-0 among"):
+        for seed in range(20):
+            env.reset(seed=seed)
+    env.close()
 
 
 def test_an_open_course_never_starts_at_its_goal():

@@ -136,16 +136,24 @@ def boat_can_set_off(courses, world, limits, projection, travel, pose, clearance
 
 
 def random_start(
-    courses: CourseArrays, world: int, config: EnvConfig, limits: Limits, generator: np.random.Generator
+    courses: CourseArrays, world: int, config: EnvConfig, limits: Limits, generator: np.random.Generator, river: str
 ) -> tuple[np.ndarray, float]:
-    """Return a random safe pose [4] in a world, and the initial time (s) of the water's clock."""
+    """Return a random safe pose [4] in a world, and the initial time (s) of the water's clock.
+
+    Raises `UnsafePoseError`, with the name of the `river` and the settings of starts, if none is found.
+    """
     pose = np.empty(4)
     spread = math.radians(config.start_heading_deg)
     for _ in range(MAX_TRIES):
         draws = generator.random(DRAWS)
         if try_start(courses, world, limits, spread, config.start_clearance_m, draws, pose):
             return pose, CLOCK_RANGE_S * float(draws[5])
-    raise UnsafePoseError(f"no safe start found in world {world} among {MAX_TRIES} random poses")
+    heights = f", at heights of {config.min_height_m:g} to {config.max_height_m:g} m (min_height_m, max_height_m)"
+    raise UnsafePoseError(
+        f"no safe start found in {river} among {MAX_TRIES:,} random poses with start_clearance_m ="
+        f" {config.start_clearance_m:g} and start_heading_deg = {config.start_heading_deg:g}"
+        f"{heights if config.vehicle == 'uav' else ''}: set a smaller clearance, or choose a wider river"
+    )
 
 
 def random_clock(generator: np.random.Generator) -> float:
@@ -157,7 +165,8 @@ def sample_starts(world: World, count: int, seed: int, config: EnvConfig = DEFAU
     """Return random safe initial poses [count, 4] in a world; pose i depends on the seed and i alone."""
     courses = pack_courses([world], config)
     generators = (np.random.default_rng([seed, index]) for index in range(count))
-    starts = [random_start(courses, 0, config, config.limits, generator)[0] for generator in generators]
+    river = f"{world.name}-{world.seed}"
+    starts = [random_start(courses, 0, config, config.limits, generator, river)[0] for generator in generators]
     return np.array(starts).reshape(count, 4)
 
 

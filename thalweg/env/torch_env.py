@@ -78,15 +78,16 @@ class TensorRiverEnv:
         self.cost_kinds = config.cost_kinds
         """Names of the K kinds of `info["costs"]`."""
         self.device = torch.device(resolve_device(device))
+        courses = pack_courses(self.worlds, config)
         self._launcher = Launcher(self.device, self.num_envs)
         self._observer = TensorObserver(self.worlds, self.num_envs, config, self._launcher)
-        courses = pack_courses(self.worlds, config)
         shared = 0
         if self.device.type != "cpu" and config.channels:
             shared = self._observer.renderer.scratch_bytes
         check_memory(self.num_envs, bytes_per_env(courses, config, BUFFERS), shared, free_bytes(self.device))
-        for world in range(len(self.worlds)):  # a reset on the device cannot report that there is no safe start
-            random_start(courses, world, config, config.limits, np.random.default_rng(world))
+        for index, world in enumerate(self.worlds):  # a reset on the device cannot report that there is no safe start
+            river = f"{world.name}-{world.seed}"
+            random_start(courses, index, config, config.limits, np.random.default_rng(index), river)
         self.world_index = np.arange(self.num_envs, dtype=np.int64) % len(self.worlds)
         """[N] index of the world of each environment."""
         self._allocate(courses)

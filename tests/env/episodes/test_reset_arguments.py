@@ -62,7 +62,9 @@ def test_only_the_poses_of_rows_that_are_reset_must_be_safe():
     [
         ({"poses": SAFE}, ConfigError, "poses"),
         ({"pose": SAFE[:3]}, ConfigError, r"shape \(3,\); needed: \(4,\) or \(2, 4\)"),
-        ({"reset_mask": np.array([True])}, ConfigError, r"reset_mask must be \[2\] bool"),
+        ({"reset_mask": np.array([True])}, ConfigError, r"reset_mask must be \[2\] bool, got \[1\] bool"),
+        ({"reset_mask": [1, 0]}, ConfigError, r"reset_mask must be \[2\] bool, got \[2\] int64"),
+        ({"reset_mask": np.zeros(2, bool)}, ConfigError, "at least one True, got 2 times False"),
         ({"reset_mask": np.array([True, False])}, ResetNeeded, "every environment"),
     ],
 )

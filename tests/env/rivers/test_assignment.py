@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -106,8 +107,8 @@ def test_a_resumed_run_is_equal_to_the_bit_at_any_moment(mode: str, steps: int):
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("river", 12, r"river has an impossible value; allowed: 0\.\.11 \(environment 1\)"),
-        ("next_river", -2, r"next_river has an impossible value; allowed: -1\.\.11 \(environment 1\)"),
+        ("river", 12, r"^river has an impossible value, 12; allowed: 0\.\.11 \(environment 1\)"),
+        ("next_river", -2, r"next_river has an impossible value, -2; allowed: -1\.\.11 \(environment 1\)"),
         ("segment", 500, r"segment has an impossible value.*environment 1"),
     ],
 )
@@ -219,6 +220,19 @@ def test_each_river_that_changes_has_a_sun_of_its_own(easy_world: World):
     renderer = Renderer([easy_world.relit(azimuth, elevation)])
     assert np.array_equal(frames[0], renderer.render(info["pose"], [0], env.state.time_s)[0])
     env.close()
+
+
+@pytest.mark.parametrize("in_memory", [2.5, 0, True])
+def test_a_number_of_rivers_in_memory_that_is_not_whole_is_refused(in_memory: Any, easy_world: World):
+    with pytest.raises(ConfigError, match=f"in_memory must be a whole number of at least 1, not {in_memory}"):
+        RiverList([easy_world], in_memory)
+
+
+@pytest.mark.parametrize("observation", ["none", "rgb+mask"])
+@pytest.mark.parametrize("kind", [RiverVectorEnv, TensorRiverEnv])
+def test_no_worlds_are_refused(kind: Any, observation: Any):
+    with pytest.raises(ConfigError, match="worlds must be at least one river"):
+        kind([], 2, EnvConfig(observation=observation))
 
 
 @pytest.mark.parametrize(

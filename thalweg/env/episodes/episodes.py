@@ -64,7 +64,7 @@ class Episodes:
         state, courses, limits = self.state, self.rivers.courses, self.limits
         world = int(self.rivers.slot[row])
         if pose is None:
-            pose, time_s = random_start(courses, world, self.config, limits, generator)
+            pose, time_s = random_start(courses, world, self.config, limits, generator, self.rivers.name(row))
         else:
             time_s = random_clock(generator)
         state.pose[row] = pose

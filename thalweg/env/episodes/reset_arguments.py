@@ -53,8 +53,10 @@ def rows_and_poses(
 def _rows(mask: Any, started: np.ndarray) -> list[int]:
     """Return the rows to reset by a mask [N] bool or None, which is all."""
     mask = np.asarray(np.ones_like(started) if mask is None else mask)
-    if mask.dtype != bool or mask.shape != started.shape or not mask.any():
-        raise ConfigError(f"reset_mask must be [{len(started)}] bool with at least one True")
+    if mask.dtype != bool or mask.shape != started.shape:
+        raise ConfigError(f"reset_mask must be [{len(started)}] bool, got {list(mask.shape)} {mask.dtype}")
+    if not mask.any():
+        raise ConfigError(f"reset_mask must have at least one True, got {len(mask)} times False")
     if not (started | mask).all():
         raise gymnasium.error.ResetNeeded("the first reset must include every environment")
     return np.flatnonzero(mask).tolist()

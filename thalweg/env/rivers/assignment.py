@@ -27,6 +27,11 @@ class FixedRivers:
     def enter(self, row: int, generator: np.random.Generator) -> None:
         """Do nothing: an episode is flown in the same river as the last one."""
 
+    def name(self, row: int) -> str:
+        """Return the name and seed of the river of environment `row`, such as Medium-1000."""
+        world = self._worlds[self.slot[row]]
+        return f"{world.name}-{world.seed}"
+
     def forget(self, row: int) -> None:
         """Do nothing: no river was drawn."""
 
@@ -86,6 +91,10 @@ class DrawnRivers:
         self.next_river[row] = generator.integers(count)
         self.courses = self.pool.courses
 
+    def name(self, row: int) -> str:
+        """Return the name and seed of the river of environment `row`, such as Medium-1000."""
+        return self.pool.rivers.name(int(self.river[row]))
+
     def forget(self, row: int) -> None:
         """Forget the river of the next episode, whose generator is replaced."""
         self.next_river[row] = UNDRAWN
@@ -114,9 +123,9 @@ class DrawnRivers:
             values = np.asarray(state[name])
             wrong = (values < least) | (values >= count)
             if wrong.any():
+                row = int(np.argmax(wrong))
                 raise StateError(
-                    f"{name} has an impossible value; allowed: {least}..{count - 1}"
-                    f" (environment {int(np.argmax(wrong))})"
+                    f"{name} has an impossible value, {values[row]}; allowed: {least}..{count - 1} (environment {row})"
                 )
         return np.array([self.pool.segments(int(river)) for river in np.asarray(state["river"])])
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from thalweg.core import versions
 from thalweg.core.seeds import parse_seeds
-from thalweg.env.config import ConfigError
+from thalweg.env.config import ConfigError, integer_at_least
 from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.env.rivers.sounded_river import load_or_sound
 from thalweg.env.task.course_arrays import fingerprint
@@ -26,14 +26,12 @@ class RiverList:
     def __init__(self, entries: Iterable[Entry], in_memory: int | None = None) -> None:
         """`in_memory`: greatest number of rivers held in memory at a time; None derives it from the free memory.
 
-        Raises `ConfigError` for an empty list or a number below 1.
+        Raises `ConfigError` for an empty list, and for a number that is not whole or below 1.
         """
         self.entries = tuple(entries)
-        self.in_memory = in_memory
         if not self.entries:
             raise ConfigError("a list of rivers needs at least one")
-        if in_memory is not None and in_memory < 1:
-            raise ConfigError(f"in_memory must be a whole number of at least 1, not {in_memory}")
+        self.in_memory = None if in_memory is None else integer_at_least("in_memory", in_memory, 1)
 
     @classmethod
     def of_levels(cls, levels: Sequence[tuple[Level | str, Any]], in_memory: int | None = None) -> "RiverList":
@@ -56,10 +54,12 @@ class RiverList:
     @property
     def names(self) -> list[str]:
         """Name and seed of each river, such as Medium-1000."""
-        return [
-            f"{entry.name}-{entry.seed}" if isinstance(entry, World) else f"{entry[0].name}-{entry[1]}"
-            for entry in self.entries
-        ]
+        return [self.name(index) for index in range(len(self))]
+
+    def name(self, index: int) -> str:
+        """Return the name and seed of a river, such as Medium-1000."""
+        entry = self.entries[index]
+        return f"{entry.name}-{entry.seed}" if isinstance(entry, World) else f"{entry[0].name}-{entry[1]}"
 
     @property
     def firsts(self) -> list[int]:

@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 
 from thalweg.env.config import EnvConfig
+from thalweg.env.errors import ConfigError
 from thalweg.env.task.deadlines import check_deadline, deadline
 from thalweg.env.task.priced.packing import buoys_of, haunts_of, reserves_of, swimmers_of
 from thalweg.env.vehicle.lanes import lanes_through
@@ -108,11 +109,11 @@ class CourseArrays(NamedTuple):
 def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
     """Return the course arrays of a batch of worlds under a config.
 
-    Raises `thalweg.env.vehicle.boat.FitError` for a boat and a river that it does not fit, and `ConfigError` for a
-    deadline that nobody can meet.
+    Raises `thalweg.env.vehicle.boat.FitError` for a boat and a river that it does not fit, and `ConfigError` for no
+    worlds and for a deadline that nobody can meet.
     """
     if not worlds:
-        raise ValueError("at least one world is needed")
+        raise ConfigError("worlds must be at least one river, got none")
     for world in worlds:
         check_deadline(world, config)
     rivers = [world.river for world in worlds]

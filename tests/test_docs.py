@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -233,6 +234,12 @@ def shown_space(space: gymnasium.spaces.Box) -> str:
     size = ["H", "W", str(space.shape[-1])] if len(space.shape) == 3 else [str(space.shape[0])]
     low, high = (f"{value:g}" for value in (space.low.min(), space.high.max()))
     return f"{space.dtype} [{', '.join(size)}]" + (f", {low}..{high}" if len(size) > 1 else "")
+
+
+def test_contributors_are_told_what_the_mark_of_slow_tests_means():
+    marks = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]["markers"]
+    (slow,) = (mark.removeprefix("slow: takes ").split(";")[0] for mark in marks if mark.startswith("slow:"))
+    assert f"Mark what takes {slow} as `slow`" in (ROOT / "CONTRIBUTING.md").read_text()
 
 
 def test_the_page_of_environments_states_the_space_of_each_part():

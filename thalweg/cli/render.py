@@ -10,8 +10,6 @@ from thalweg.cli.views import camera_from
 from thalweg.core.atomic_io import write_picture
 from thalweg.core.notices import notice
 
-LIMITS_PX = 16, 2048
-"""Least and greatest height of a camera's frame, see `thalweg.render.Camera`."""
 PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 
 
@@ -67,6 +65,8 @@ class RenderFrames(Command):
 
     def _check(self) -> None:
         """Raise `UsageError` for options that do not go together, or a picture that cannot be written."""
+        from thalweg.render.records.camera import LIMITS_PX
+
         if self.count < 1:
             raise UsageError(f"--count must be at least 1, not {self.count}")
         least, most = LIMITS_PX

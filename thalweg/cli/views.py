@@ -1,6 +1,6 @@
 """Options for what policies see, and for their actions, that several commands share."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,9 +12,6 @@ if TYPE_CHECKING:
     from thalweg.bench.suite.views import TrainingViews
     from thalweg.env import EnvConfig
     from thalweg.render import Camera
-
-CAMERA_FIELDS = ("height_px", "width_px", "fov_deg", "pitch_deg", "near_m")
-"""Settings of a camera, the fields of `thalweg.render.Camera`."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +70,11 @@ def camera_from(texts: tuple[str, ...]) -> "Camera":
 
     files = [text for text in texts if "=" not in text]
     settings = settings_from([text for text in texts if "=" in text], "--camera")
+    known = [field.name for field in fields(Camera) if field.name != "lens"]  # which the file of a calibration has
     for name in settings:
-        if name not in CAMERA_FIELDS:
-            known = ", ".join(CAMERA_FIELDS)
-            raise UsageError(f"--camera has no setting {name!r}{did_you_mean(name, CAMERA_FIELDS)}; known: {known}")
+        if name not in known:
+            near = did_you_mean(name, known)
+            raise UsageError(f"--camera has no setting {name!r}{near}; known: {', '.join(known)}")
     if len(files) > 1:
         raise UsageError(f"--camera takes one file of a calibration, not {' and '.join(files)}")
     return camera_of_calibration(Path(files[0]), **settings) if files else Camera(**settings)

@@ -32,6 +32,7 @@ from thalweg.env.snapshot import StateError, env_identity, fingerprints
 from thalweg.env.spaces import FORWARD, ActionError, action_space, observation_space, to_unit_actions
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
+from thalweg.env.task.priced.station import greatest_ways
 from thalweg.env.task.proprioception import no_last_step
 from thalweg.env.task.rules import TASK_STATE, Outcome, State, empty_outcome, empty_state
 from thalweg.render.records.camera import Distortion
@@ -121,8 +122,7 @@ class TensorRiverEnv:
         self._state_names = (*kept, *counters, *force)
         """Names of the tensors that the future depends on."""
         self._segments = tensor(courses.segments[self.world_index])
-        greatest = np.where(courses.closed != 0, 0.5, 1.0) * courses.length
-        self._greatest_way = tensor(greatest[self.world_index])
+        self._greatest_way = tensor(greatest_ways(courses, self.world_index))
         self._max_steps = tensor(courses.max_steps[self.world_index])
         arrays = {name: array(values) for name, values in self._tensors.items()}
         self._courses = CourseArrays(*(array(tensor(values)) for values in courses))

@@ -11,13 +11,7 @@ from thalweg.core.run_folder import differences
 from thalweg.encoder import PACKAGED, Encoder, PluginEncoder, encoder_plugin, sides
 from thalweg.render import Camera
 from thalweg.train.errors import TrainingError
-
-FILE = "encoder_file"
-"""Key of a policy's context: the encoder's file, where it is not that of the package. Its identity is its hash."""
-
-
-PLUGIN = "encoder_plugin"
-"""Key of a policy's context: version and source of the plug-in that its encoder is, known by name and version."""
+from thalweg.train.folder.run_record import ENCODER_FILE, ENCODER_PLUGIN
 
 
 def context_of(policy: Any) -> dict[str, Any]:
@@ -29,9 +23,9 @@ def file_of_its_own(encoder: Encoder) -> dict[str, Any]:
     """Return the entry of a context for the file of an encoder, or for a plug-in; empty for one that comes with the
     package."""
     if isinstance(encoder, PluginEncoder):
-        return {PLUGIN: encoder.plugin.as_data()}
+        return {ENCODER_PLUGIN: encoder.plugin.as_data()}
     file = Path(encoder.about["path"]).resolve()
-    return {} if file in [path.resolve() for path in PACKAGED.values()] else {FILE: str(file)}
+    return {} if file in [path.resolve() for path in PACKAGED.values()] else {ENCODER_FILE: str(file)}
 
 
 def packaged_name(digest: str) -> str | None:
@@ -46,12 +40,12 @@ def encoder_of(policy: Any) -> Path | None:
     Raises `TrainingError`, which says which file or plug-in is needed, if that one is not where it was.
     """
     context = context_of(policy)
-    needed, file = context.get("encoder"), context.get(FILE)
+    needed, file = context.get("encoder"), context.get(ENCODER_FILE)
     if needed is None:
         return None
     if (name := packaged_name(needed)) is not None:
         return PACKAGED[name]
-    if PLUGIN in context:
+    if ENCODER_PLUGIN in context:
         name = needed.partition(" ")[0]
         if encoder_plugin(name) is not None:
             return Path(name)
@@ -77,9 +71,9 @@ def encoder_in_words(context: Mapping[str, Any]) -> str:
     digest = context["encoder"]
     if (name := packaged_name(digest)) is not None:
         return f"the encoder {name!r} that comes with the package"
-    if PLUGIN in context:
+    if ENCODER_PLUGIN in context:
         return f"the encoder {digest.partition(' ')[0]!r} of a plug-in, version {digest.partition(' ')[2]}"
-    return f"{context.get(FILE, 'an encoder of its own')} (its hash: {digest})"
+    return f"{context.get(ENCODER_FILE, 'an encoder of its own')} (its hash: {digest})"
 
 
 def check_camera_fits(camera: Camera, encoder: Encoder) -> None:

@@ -8,7 +8,7 @@ from thalweg.train.folder import run_record
 from thalweg.train.folder.checkpoint import newest_step, save_checkpoint
 from thalweg.train.folder.loggers import RunLog
 from thalweg.train.folder.progress_bar import ProgressBar
-from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics
+from thalweg.train.rollouts.episodes import COST_MEAN, RETURN_MEAN, Episode, EpisodeStatistics
 
 CHECKPOINT_SHARE = 20
 """Least time between two checkpoints, in multiples of the time to write one, which is long for a large replay."""
@@ -54,8 +54,8 @@ class StatusFile:
             "steps": trainer.statistics.steps,
             "checkpoint": newest_step(self.folder),
             "episodes": trainer.statistics.count,
-            "return_mean": metrics["return_mean_50"],
-            "cost_mean": metrics["cost_mean_50"],
+            "return_mean": metrics[RETURN_MEAN],
+            "cost_mean": metrics[COST_MEAN],
             "cost_rate": metrics["cost_rate"],
             "seconds": trainer.seconds,
             "warnings": trainer.warned,

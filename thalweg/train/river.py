@@ -24,7 +24,7 @@ from thalweg.env.tasks import task_plugin
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.encoder_of_run import check_camera_fits, file_of_its_own, tell_other_optics
 from thalweg.train.errors import TrainingError
-from thalweg.train.folder.run_record import RUN_FOLDER, read_context
+from thalweg.train.folder.run_record import RUN_FOLDER, TASK_PLUGIN, read_context
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
 from thalweg.train.numbers import NumbersTensorEnv, NumbersVectorEnv
 from thalweg.train.observations import (
@@ -283,7 +283,7 @@ class RiverTraining:
         if self.config.task != "River":
             about["tasks_version"] = versions.TASKS
         if (plugin := task_plugin(self.config.task)) is not None:
-            about["task_plugin"] = plugin.as_data()
+            about[TASK_PLUGIN] = plugin.as_data()
         if self.config.task_record.props and seen != PRIVILEGED:
             about["props_version"] = versions.PROPS
         if self.config.has_forces:

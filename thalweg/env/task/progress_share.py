@@ -4,12 +4,12 @@ import numpy as np
 
 from thalweg.env.config import EnvConfig
 from thalweg.env.task.course_arrays import CourseArrays
+from thalweg.env.task.priced.station import greatest_ways
 from thalweg.env.task.rules import State
 
 
 def progress_of(config: EnvConfig, courses: CourseArrays, state: State) -> np.ndarray:
     """Return the share [N] of the course that was visited, or in `Portage` that was gained towards the station."""
     if config.task_record.portage:
-        greatest = np.where(courses.closed[state.world] != 0, 0.5, 1.0) * courses.length[state.world]
-        return np.clip(1.0 - state.way / greatest, 0.0, 1.0)
+        return np.clip(1.0 - state.way / greatest_ways(courses, state.world), 0.0, 1.0)
     return state.visited_count / courses.segments[state.world]

@@ -14,7 +14,9 @@ from thalweg.render.optics.wide_frame import cover
 from thalweg.render.records import pinhole
 from thalweg.render.records.pinhole import CameraMatrices
 
-Pixels = Annotated[WholeNumber, Field(ge=16, le=2048)]
+LIMITS_PX = 16, 2048
+"""Least and greatest number of rows and columns of an image."""
+Pixels = Annotated[WholeNumber, Field(ge=LIMITS_PX[0], le=LIMITS_PX[1])]
 
 
 class Distortion(NamedTuple):

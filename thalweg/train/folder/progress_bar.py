@@ -10,7 +10,7 @@ from rich.progress import BarColumn, ProgressColumn, Task, TaskProgressColumn, T
 from rich.progress import Progress as Bar
 from rich.text import Text
 
-from thalweg.train.rollouts.episodes import EpisodeStatistics
+from thalweg.train.rollouts.episodes import COST_MEAN, RETURN_MEAN, EpisodeStatistics
 
 INTERVAL_S = 0.2
 """Least time between two updates of the bar."""
@@ -67,7 +67,7 @@ class ProgressBar:
         done = steps - self._first_steps
         rate = f"{done / (now - self._began_at):,.0f}/s " if done else ""
         means = trainer.statistics.metrics()
-        text = f"return {means['return_mean_50']:.2f} cost {means['cost_mean_50']:.2f}"
+        text = f"return {means[RETURN_MEAN]:.2f} cost {means[COST_MEAN]:.2f}"
         self._bar.update(self._task, completed=min(steps, trainer.steps), rate=rate, means=text)
         self._shown_at = now
 

@@ -17,7 +17,13 @@ from thalweg.train.errors import TrainingError
 CONFIG, STATUS, POLICY = "config.yaml", "status.json", "policy.safetensors"
 PLUGIN = "plugin"
 """Key of a context: version and source of the plug-in that a policy was trained by."""
-PLUGINS = (PLUGIN, "encoder_plugin", "task_plugin")
+ENCODER_FILE = "encoder_file"
+"""Key of a context: the encoder's file, where it is not that of the package. Its identity is its hash."""
+ENCODER_PLUGIN = "encoder_plugin"
+"""Key of a context: version and source of the plug-in that the encoder is, known by name and version."""
+TASK_PLUGIN = "task_plugin"
+"""Key of a context: version and source of the plug-in that the task is."""
+PLUGINS = (PLUGIN, ENCODER_PLUGIN, TASK_PLUGIN)
 """Keys of a context for plug-ins: the algorithm, the encoder and the task."""
 MAPPINGS = (("run",), ("versions",), ("machine",), *(("run", "context", key) for key in (*PLUGINS, "env", "river")))
 """Parts of config.yaml that are mappings where they are there."""
@@ -148,7 +154,7 @@ def _identity(run: dict[str, Any]) -> dict[str, Any]:
     """Return what identifies a run: without the place of its encoder's file and the sources of its plug-ins."""
     if not isinstance(context := run.get("context"), dict):
         return run
-    kept = {key: value for key, value in context.items() if key != "encoder_file"}
+    kept = {key: value for key, value in context.items() if key != ENCODER_FILE}
     for plugin in (key for key in PLUGINS if key in kept):
         kept[plugin] = {key: value for key, value in kept[plugin].items() if key != "source"}
     return {**run, "context": kept}

@@ -7,12 +7,12 @@ import numpy as np
 from thalweg.algos.imitation.config import Teacher
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.bare_river import load_or_plan
+from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
 from thalweg.train.errors import TrainingError
 from thalweg.world import Level, Reach
 
 BATCH = 50
 """Rivers that are flown together."""
-FULL_RETURN = 10.0
 GATE_SEED = 1_000_003
 """Seed of the starts, apart from those of training."""
 
@@ -41,7 +41,7 @@ def check_teacher(
     """
     rules = config.with_options(observation="none", randomisation=None, critic_info=False)
     real = [level.build()] if isinstance(level, Reach) else []
-    full = FULL_RETURN if not real or real[0].river.closed else -np.inf
+    full = FULL_COURSE_REWARD if not real or real[0].river.closed else -np.inf
     for first in range(0, len(seeds), BATCH):
         chosen = list(seeds[first : first + BATCH])
         worlds = real or [load_or_plan(level, seed) for seed in chosen]  # pyright: ignore[reportArgumentType]

@@ -10,6 +10,9 @@ import numpy as np
 
 from thalweg.algos.interface import MEAN_EPISODES, RECENT_EPISODES
 
+RETURN_MEAN, COST_MEAN, LENGTH_MEAN = (f"{name}_mean_{MEAN_EPISODES}" for name in ("return", "cost", "length"))
+"""Names of the means of the last episodes in metrics."""
+
 
 @dataclass(frozen=True)
 class StepRecord:
@@ -141,9 +144,9 @@ class EpisodeStatistics:
         nan = math.nan
         return {
             "episodes": self.count,
-            "return_mean_50": float(np.mean([e.return_ for e in recent])) if recent else nan,
-            "cost_mean_50": float(np.mean([e.cost for e in recent])) if recent else nan,
-            "length_mean_50": float(np.mean([e.length for e in recent])) if recent else nan,
+            RETURN_MEAN: float(np.mean([e.return_ for e in recent])) if recent else nan,
+            COST_MEAN: float(np.mean([e.cost for e in recent])) if recent else nan,
+            LENGTH_MEAN: float(np.mean([e.length for e in recent])) if recent else nan,
             "cost_rate": rates["cost"],
             "cost_rate_tight": rates["tight"] if self.split else nan,
             "cost_rate_loose": rates["loose"] if self.split else nan,

@@ -33,8 +33,11 @@ def way_to(courses, world, arc, station):
     return (ahead, 1) if ahead >= 0.0 else (-ahead, -1)
 
 
-@kernel(fastmath=False, allocates=False)
-def greatest_way(courses, world):
-    """Return the greatest distance of a station in metres along the course, which is paid in full."""
-    length = courses.length[world]
-    return 0.5 * length if courses.closed[world] != 0 else length
+def greatest_ways(courses, world):
+    """Return the greatest distance of a station in metres along the course, which is paid in full; of one world, or [N]
+    of as many."""
+    return courses.length[world] * (1.0 - 0.5 * courses.closed[world])
+
+
+greatest_way = kernel(fastmath=False, allocates=False)(greatest_ways)
+"""The same of one world, for kernels."""

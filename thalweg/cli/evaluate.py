@@ -122,14 +122,12 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from rich.console import Console
 
     from thalweg.bench.csv_files import ResultsError
-    from thalweg.bench.evaluate.baselines import BASELINES, DRAWN, sight_of
+    from thalweg.bench.evaluate.baselines import DRAWN, sight_of
     from thalweg.bench.evaluate.episodes import Episode, write_episodes
     from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
-    from thalweg.bench.evaluate.functions import FunctionPolicy
     from thalweg.bench.evaluate.progress import complete, progress_bar, track_episodes
     from thalweg.bench.evaluate.shielded import FlightShield, check_masks, check_moves
     from thalweg.bench.results.results import Results
-    from thalweg.bench.suite.config import PACKAGED
     from thalweg.cli.tables import make_console, print_tables
     from thalweg.render import Randomisation
     from thalweg.world import Reach, level_named
@@ -147,12 +145,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     if command.shield:
         check_masks(policy, encoder)
         check_moves(config.env.action)
-    name = command.policy if command.policy in (*BASELINES, PACKAGED) else Path(command.policy).resolve().name
-    name = policy.name if isinstance(policy, FunctionPolicy) else name
-    name = f"{name} (sampled)" if command.sample else name
-    name = f"{name} (shield)" if command.shield else name
-    name = f"{name} (fast frames)" if command.quality == "fast" else name
-    name = f"{name} (varied looks)" if command.randomise else name
+    name = _name_of(policy, command)
     rows: list[Episode] = []
     for river in rivers:
         courses, level = _courses(command, config, river, drawn=command.shield or sight_of(policy) in DRAWN)
@@ -178,6 +171,25 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
         console.print(f"The shield replaced {vetoes:,} of {steps:,} moves.", highlight=False)
     if command.out is not None:
         console.print(f"One row per episode: {command.out}", highlight=False)
+
+
+def _name_of(policy: "Policy | RecurrentPolicy", command: Evaluate) -> str:
+    """Return the name of a policy in rows and tables, with what is unusual about its flights in brackets."""
+    from thalweg.bench.evaluate.baselines import BASELINES
+    from thalweg.bench.evaluate.functions import FunctionPolicy
+    from thalweg.bench.suite.config import PACKAGED
+
+    if isinstance(policy, FunctionPolicy):
+        name = policy.name
+    else:
+        name = command.policy if command.policy in (*BASELINES, PACKAGED) else Path(command.policy).resolve().name
+    unusual = {
+        "sampled": command.sample,
+        "shield": command.shield,
+        "fast frames": command.quality == "fast",
+        "varied looks": command.randomise,
+    }
+    return name + "".join(f" ({words})" for words, applies in unusual.items() if applies)
 
 
 def _encoder_for(policy: "Policy | RecurrentPolicy", command: Evaluate, rules: "EnvConfig") -> "Encoder | None":

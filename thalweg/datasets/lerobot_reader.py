@@ -3,8 +3,9 @@
 import io
 import json
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from PIL import Image
@@ -49,77 +50,111 @@ def read_lerobot(folder: Path) -> tuple[About, Iterator[RecordedEpisode]]:
 
 
 def _read_episode(folder: Path, number: int, flight: dict[str, Any], about: About) -> RecordedEpisode:
-    import pyarrow
-    import pyarrow.parquet
-
-    path = folder / layout.DATA_PATH.format(**layout.place(number))
-    try:
-        table = pyarrow.parquet.read_table(path)
-    except (OSError, pyarrow.ArrowException) as error:
-        raise DatasetError(f"{path} cannot be read: {error}") from error
-
-    if not isinstance(flight, dict):
-        raise DatasetError(f"{folder / layout.ABOUT} describes flight {number} by {flight!r:.40}, not by a mapping")
-    if missing := [name for name in ("end_state", "end_pose", "end_clock_s", *PLAIN) if name not in flight]:
-        raise DatasetError(f"{folder / layout.ABOUT} lacks {', '.join(missing)} of flight {number}")
-
-    def column(name: str, *shape: int) -> np.ndarray:
-        if name not in table.column_names:
-            raise DatasetError(f"{path} lacks the column {name}")
-        try:
-            chunks = table[name].combine_chunks()
-            for _ in shape:
-                chunks = chunks.flatten()
-            return chunks.to_numpy(zero_copy_only=False).reshape(len(table), *shape)
-        except (AttributeError, ValueError, pyarrow.ArrowException) as error:
-            raise DatasetError(f"{path} has another kind of numbers in the column {name}: {error}") from error
-
-    def with_end(name: str, of_each: tuple[int, ...], key: str) -> np.ndarray:
-        values = column(name, *of_each)
-        try:
-            return np.concatenate([values, np.asarray(flight[key], values.dtype).reshape(1, *of_each)])
-        except (TypeError, ValueError, OverflowError) as error:
-            raise DatasetError(
-                f"{folder / layout.ABOUT}: {key} of flight {number} is {flight[key]!r:.60}: {error}"
-            ) from error
-
-    def pictures(name: str) -> np.ndarray | None:
-        if name not in table.column_names:
-            return None
-        rows = table[name].to_pylist()
-        try:
-            return _again(np.stack([np.asarray(Image.open(io.BytesIO(row["bytes"]))) for row in rows]))
-        except (OSError, SyntaxError, ValueError, KeyError, TypeError) as error:  # Pillow raises many for a damaged PNG
-            raise DatasetError(f"{path} has a damaged picture in the column {name}: {error!r}") from error
-
-    rgb = pictures(layout.CAMERA)
+    """Return a flight of a data set; raises `DatasetError`, which names what is wrong."""
+    files = _FlightFiles.open(folder, number, flight)
+    rgb = files.pictures(layout.CAMERA)
     if rgb is None:
         video = folder / layout.VIDEO_PATH.format(video_key=layout.CAMERA, **layout.place(number))
-        rgb = _again(_frames_of(video, len(table)))
-    depth_shape = rgb.shape[1:3]
+        rgb = _again(_frames_of(video, len(files.table)))
+    if not len(files.table):
+        raise DatasetError(f"{files.path} has no rows")
     actions = len(layout.ACTION_NAMES)
-    if not len(table):
-        raise DatasetError(f"{path} has no rows")
     episode = RecordedEpisode(
         rgb=rgb,
-        mask=pictures("mask"),
-        depth_m=_again(column("depth", *depth_shape)) if "depth" in table.column_names else None,
-        class_id=pictures("class"),
-        proprioception=with_end(layout.STATE, (len(about.proprioception),), "end_state"),
-        poses=with_end("pose", (len(layout.POSE_NAMES),), "end_pose"),
-        times_s=with_end("clock_s", (), "end_clock_s"),
-        moves=column("action", actions),
-        options=column("option", actions) if "option" in table.column_names else None,
-        rewards=column("next.reward").astype(np.float64),
-        costs=column("next.cost", len(about.cost_kinds)).astype(np.float64),
+        mask=files.pictures("mask"),
+        depth_m=_again(files.column("depth", *rgb.shape[1:3])) if files.has("depth") else None,
+        class_id=files.pictures("class"),
+        proprioception=files.with_end(layout.STATE, (len(about.proprioception),), "end_state"),
+        poses=files.with_end("pose", (len(layout.POSE_NAMES),), "end_pose"),
+        times_s=files.with_end("clock_s", (), "end_clock_s"),
+        moves=files.column("action", actions),
+        options=files.column("option", actions) if files.has("option") else None,
+        rewards=files.column("next.reward").astype(np.float64),
+        costs=files.column("next.cost", len(about.cost_kinds)).astype(np.float64),
         terminated=flight["terminated"],
-        reason=int(column("next.reason")[-1]),
-        pilots=tuple(column("pilot").tolist()),
+        reason=int(files.column("next.reason")[-1]),
+        pilots=tuple(files.column("pilot").tolist()),
         task=flight["task"],
         options_of_flight=flight["options"],
     )
-    check_episode(episode, about, path)
+    check_episode(episode, about, files.path)
     return episode
+
+
+@dataclass(frozen=True)
+class _FlightFiles:
+    """The table of a flight of T steps, and its description."""
+
+    path: Path
+    """File of the table."""
+    table: Any
+    """`pyarrow.Table` of T rows."""
+    about: Path
+    """File of the description."""
+    number: int
+    flight: dict[str, Any]
+    """Its description."""
+
+    @classmethod
+    def open(cls, folder: Path, number: int, flight: dict[str, Any]) -> Self:
+        """Return the files of a flight; raises `DatasetError` for a table or a description that cannot be used."""
+        import pyarrow
+        import pyarrow.parquet
+
+        path = folder / layout.DATA_PATH.format(**layout.place(number))
+        try:
+            table = pyarrow.parquet.read_table(path)
+        except (OSError, pyarrow.ArrowException) as error:
+            raise DatasetError(f"{path} cannot be read: {error}") from error
+        if not isinstance(flight, dict):
+            raise DatasetError(f"{folder / layout.ABOUT} describes flight {number} by {flight!r:.40}, not by a mapping")
+        if missing := [name for name in ("end_state", "end_pose", "end_clock_s", *PLAIN) if name not in flight]:
+            raise DatasetError(f"{folder / layout.ABOUT} lacks {', '.join(missing)} of flight {number}")
+        return cls(path, table, folder / layout.ABOUT, number, flight)
+
+    def has(self, name: str) -> bool:
+        """Return whether there is a column."""
+        return name in self.table.column_names
+
+    def column(self, name: str, *shape: int) -> np.ndarray:
+        """Return a column [T, *shape]; raises `DatasetError` for one that is missing or of another kind."""
+        import pyarrow
+
+        if not self.has(name):
+            raise DatasetError(f"{self.path} lacks the column {name}")
+        try:
+            chunks = self.table[name].combine_chunks()
+            for _ in shape:
+                chunks = chunks.flatten()
+            return chunks.to_numpy(zero_copy_only=False).reshape(len(self.table), *shape)
+        except (AttributeError, ValueError, pyarrow.ArrowException) as error:
+            raise DatasetError(f"{self.path} has another kind of numbers in the column {name}: {error}") from error
+
+    def with_end(self, name: str, shape: tuple[int, ...], key: str) -> np.ndarray:
+        """Return a column with the value after the last step [T + 1, *shape], which the description has by a key.
+
+        Raises `DatasetError` for a column or a value that cannot be used.
+        """
+        values = self.column(name, *shape)
+        try:
+            return np.concatenate([values, np.asarray(self.flight[key], values.dtype).reshape(1, *shape)])
+        except (TypeError, ValueError, OverflowError) as error:
+            raise DatasetError(
+                f"{self.about}: {key} of flight {self.number} is {self.flight[key]!r:.60}: {error}"
+            ) from error
+
+    def pictures(self, name: str) -> np.ndarray | None:
+        """Return a column of pictures [T + 1, ...], the last one twice; None if there is no such column.
+
+        Raises `DatasetError` for a damaged picture.
+        """
+        if not self.has(name):
+            return None
+        rows = self.table[name].to_pylist()
+        try:
+            return _again(np.stack([np.asarray(Image.open(io.BytesIO(row["bytes"]))) for row in rows]))
+        except (OSError, SyntaxError, ValueError, KeyError, TypeError) as error:  # Pillow raises many for a damaged PNG
+            raise DatasetError(f"{self.path} has a damaged picture in the column {name}: {error!r}") from error
 
 
 def _frames_of(path: Path, steps: int) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypedDict, Unpack, get_args
 
 from thalweg.algos.registry import algorithm_named
 from thalweg.core import versions
@@ -85,6 +85,15 @@ def banks_version(grounds: Iterable[Level | Reach]) -> dict[str, int]:
 
 
 RiverChange = Literal["auto", "fixed", "episode"]
+
+
+class RiverExecution(TypedDict, total=False):
+    """Keyword arguments of `RiverTraining.train` for how and where it executes, and with which policy it starts."""
+
+    threads: int | None
+    device: str
+    begin_with: Path | None
+    graphs: bool
 
 
 @dataclass(frozen=True)
@@ -201,10 +210,7 @@ class RiverTraining:
         proprioception: bool = False,
         settings: dict | None = None,
         preset: str = "default",
-        threads: int | None = None,
-        device: str = "cpu",
-        begin_with: Path | None = None,
-        graphs: bool = False,
+        **execution: Unpack[RiverExecution],
     ) -> RunResult:
         """Train with a progress bar, or resume the run in the folder.
 
@@ -218,6 +224,9 @@ class RiverTraining:
         Raises the errors of `thalweg.train.run`; those of settings, and of a folder that does not hold a run on this
         river, before a world is built.
         """
+        if unknown := sorted(execution.keys() - RiverExecution.__annotations__):
+            raise TypeError(f"train() got an unexpected keyword argument {unknown[0]!r}")
+        begin_with, threads = execution.get("begin_with"), execution.get("threads")
         entry = algorithm_named(algorithm)
         resolved = configured(entry, settings, preset, self.num_envs, begin_with)
         if getattr(resolved, "separate_costs", False) and len(self.config.cost_kinds) > 2:
@@ -231,21 +240,16 @@ class RiverTraining:
         check_parts(seen, felt, self.config.observation)
         context = self._context(seen, encoder, felt)
         RUN_FOLDER.require_same_file(folder, read_context(folder).get("river") or {}, context.get("river", {}))
-        if begun is not None:
-            rules = self.config
-            of = {"task": rules.task, "vehicle": rules.vehicle, "action": rules.action}
-            check_policy_fits(begun, encoder, offered=seen, proprioception=felt, **of)
-        if encoder is not None:
-            check_camera_fits(self.config.camera, encoder)
-            tell_other_optics(self.config.camera, encoder)
-        device = resolve_device(device)
+        self._check_fits(begun, encoder, seen, felt)
+        device = resolve_device(execution.get("device", "cpu"))
         if seen in IMAGES and device != "cpu":
             raise TrainingError(f"policy=cnn learns on the CPU only, not on {device}: leave the device out")
         told = has_asymmetric_critics(resolved)
         env = self._envs(encoder, device, seen=seen, critic_info=told, proprioception=felt)
         if seen in IMAGES:
             compilation.begin()
-        learning_threads = default_torch_threads() if seen in IMAGES else min(entry.threads, default_torch_threads())
+        if threads is None:
+            threads = default_torch_threads() if seen in IMAGES else min(entry.threads, default_torch_threads())
         try:
             return run(
                 entry.name,
@@ -257,13 +261,24 @@ class RiverTraining:
                 preset=preset,
                 context=context,
                 progress=True,
-                threads=learning_threads if threads is None else threads,
+                threads=threads,
                 device=device,
                 begin_with=begin_with,
-                graphs=graphs,
+                graphs=execution.get("graphs", False),
             )
         finally:
             env.close()
+
+    def _check_fits(self, begun: Any, encoder: Encoder | None, seen: str, felt: bool) -> None:
+        """Raise the errors of `check_policy_fits` for the policy to begin with, None for none, and of
+        `check_camera_fits` for the encoder; an encoder of other optics is told."""
+        rules = self.config
+        if begun is not None:
+            of = {"task": rules.task, "vehicle": rules.vehicle, "action": rules.action}
+            check_policy_fits(begun, encoder, offered=seen, proprioception=felt, **of)
+        if encoder is not None:
+            check_camera_fits(rules.camera, encoder)
+            tell_other_optics(rules.camera, encoder)
 
     def _context(self, seen: str, encoder: Encoder | None, felt: bool = False) -> dict[str, Any]:
         """Return what the policy file and config.yaml say about rivers, observation and rules; `felt`: whether the

@@ -41,8 +41,8 @@ class Watched:
 
     moves = MOVES
 
-    def __init__(self, see: Any) -> None:
-        self.see = see
+    def __init__(self, see: Any, step_s: float = 0.25) -> None:
+        self.see, self.step_s = see, step_s
 
     def __call__(self, frame: np.ndarray) -> Any:
         return self.see(frame)
@@ -56,7 +56,8 @@ def test_the_middle_of_a_frame_is_cut_to_the_shape_of_the_camera():
     np.testing.assert_allclose(found[7, :, 0], np.arange(30) * 2 + 0.5, atol=0.5)
 
 
-def test_frames_that_are_a_step_apart_are_read(tmp_path: Path):
+@pytest.mark.parametrize(("step_s", "every", "shown"), [(0.25, 3, (8, 2.0)), (0.5, 6, (4, 2.0))])
+def test_frames_that_are_a_step_apart_are_read(step_s: float, every: int, shown: tuple, tmp_path: Path):
     frames = np.repeat(np.arange(24, dtype=np.uint8)[:, None, None, None] * 10, 64, 1).repeat(64, 2).repeat(3, 3)
     write_video(tmp_path / "fast.mp4", frames, 12, crf=18)
     seen: list[float] = []
@@ -65,10 +66,15 @@ def test_frames_that_are_a_step_apart_are_read(tmp_path: Path):
         seen.append(float(frame.mean()))
         return frame, np.ones(4, int), None
 
-    follower: Any = Watched(watcher)
+    follower: Any = Watched(watcher, step_s)
     follow(tmp_path / "fast.mp4", tmp_path / "out.mp4", follower, "watcher")
-    np.testing.assert_allclose(seen, np.arange(0, 24, 3) * 10, atol=3)
-    assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "out.mp4")) == (8, 2.0)
+    np.testing.assert_allclose(seen, np.arange(0, 24, every) * 10, atol=3)
+    assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "out.mp4")) == shown
+
+
+def test_the_step_is_that_of_the_policys_training():
+    trained = [Follower(policies.of_images("rgb", env=env)) for env in ({}, {"step_s": 0.5})]
+    assert [follower.step_s for follower in trained] == [0.25, 0.5]
 
 
 def test_a_policy_sees_the_frames_with_the_water_that_is_found_and_chooses_as_it_would(tmp_path: Path):
@@ -171,7 +177,7 @@ def test_a_video_that_does_not_say_its_rate_is_refused(tmp_path: Path, monkeypat
     path.touch()
     monkeypatch.setattr(imageio_ffmpeg, "read_frames", lambda _: (each for each in [{"size": (64, 64), "fps": 0}]))
     with open_video(path) as video, pytest.raises(VideoError, match=r"in.mp4 does not say how many frames a second"):
-        frames_of_step(video, path)
+        frames_of_step(video, path, 0.25)
 
 
 def test_an_overlay_lasts_as_long_as_its_video_and_is_closed_on_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

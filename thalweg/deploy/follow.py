@@ -16,7 +16,6 @@ from thalweg.core.video import Video, VideoError, open_video, write_video
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.export import Exportable
 from thalweg.encoder.water import SIDES, WaterSegmenter, water_in
-from thalweg.env.config import DEFAULT_CONFIG
 
 VIEW_PX, PANEL_PX, MARGIN_PX = 384, 176, 16
 """Sides of the frame and of the panel beside it, and the margin around them, in pixels."""
@@ -46,6 +45,8 @@ class Follower:
         self.size_px = camera.height_px, camera.width_px
         self.moves = chosen.moves
         """What the options of each branch do, or +1, 0 and -1."""
+        self.step_s = chosen.steps["seconds"]
+        """Seconds of a step in the policy's training."""
         if segmenter is not None and any(side % SIDES for side in self.size_px):
             raise ExportError(
                 f"the policy sees frames of {camera.height_px} x {camera.width_px} pixels (height x width); finding the"
@@ -85,7 +86,7 @@ def cut_to(frame: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
     return np.array(Image.fromarray(frame).resize((width, height), Image.Resampling.BOX, box=box))
 
 
-def frames_of_step(video: Video, path: Path, step_s: float = DEFAULT_CONFIG.step_s) -> int:
+def frames_of_step(video: Video, path: Path, step_s: float) -> int:
     """Return the number of frames of a video from one step of `step_s` seconds to the next, at least 1.
 
     Raises `VideoError`, with the video's `path`, if it does not say how many frames a second it has.
@@ -152,8 +153,8 @@ def move_in_words(names: tuple[str, ...], choice: np.number) -> str:
 def follow(path: Path, out: Path, follower: Follower, title: str) -> np.ndarray:
     """Write the overlay of the video `path` to `out`, atomically, and return its T moves [T, 4].
 
-    Frames are taken about a step apart. Raises `FileNotFoundError`, and `VideoError` for a file that is no video, has
-    no frame, or does not say how many frames a second it has.
+    Frames are taken about a step of the policy's training apart. Raises `FileNotFoundError`, and `VideoError` for a
+    file that is no video, has no frame, or does not say how many frames a second it has.
     """
     taken: list[np.ndarray] = []
 
@@ -164,7 +165,7 @@ def follow(path: Path, out: Path, follower: Follower, title: str) -> np.ndarray:
             yield overlay(colours, options, follower.moves, mask, title, len(taken))
 
     with open_video(path) as video, atomic_path(out) as draft:
-        every = frames_of_step(video, path)
+        every = frames_of_step(video, path, follower.step_s)
         if not write_video(draft, overlays(islice(video.frames, 0, None, every)), video.fps / every, crf=CRF, name=out):
             raise VideoError(f"{path} has no frame")
     return np.stack(taken)

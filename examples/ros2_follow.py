@@ -8,9 +8,8 @@ The policy sees `image` (sensor_msgs/Image, rgb8 or bgr8) and, if it takes one, 
 It chooses a step every `steps.seconds` of the file's metadata, which becomes a velocity on `cmd_vel`
 (geometry_msgs/Twist in m/s and rad/s: x forward, y left, z up, yaw to the left). `speed`, from 0 to 1, is the share of
 the velocity that the step has in the simulator; `patience_s` is the greatest age of an image in seconds, by the
-stamp of its message. The camera should have the field of view and the pitch of the metadata. The option "backward" is
-taken as none; policies of tasks with a fast step, where it is a fast step forward, are refused, and policies that
-choose numbers instead of options.
+stamp of its message. The camera should have the field of view and the pitch of the metadata. Refused are policies of
+tasks with a fast step, policies that choose numbers instead of options, and files whose metadata have another format.
 """
 
 import json
@@ -27,6 +26,8 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import Image
 
+FORMAT = 3
+"""Format of the metadata that this node reads: older ones do not say what each option does."""
 BRANCHES = ("vertical", "yaw", "longitudinal", "lateral")
 
 
@@ -40,13 +41,18 @@ class FollowRiver(Node):
         self.patience_s = float(self.declare_parameter("patience_s", 0.5).value)
         self.session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
         self.about = json.loads(self.session.get_modelmeta().custom_metadata_map["thalweg"])
+        if self.about.get("format") != FORMAT:
+            raise RuntimeError(
+                f"the file's format is {self.about.get('format')}, not {FORMAT}: export the policy again"
+            )
         if "proprioception" in self.about["inputs"]:
             raise RuntimeError("this node measures no proprioception: export a policy that takes none")
-        if self.about.get("fast_step_m") != 0:
-            raise RuntimeError("the policy has a fast step, or its file does not say so: export one without, again")
-        if self.about.get("action_kind") != "options":
-            raise RuntimeError("the policy chooses no options, or its file does not say so: export one of options")
+        if self.about["fast_step_m"] != 0:
+            raise RuntimeError("the policy has a fast step: export one without")
+        if self.about["action_kind"] != "options":
+            raise RuntimeError("the policy chooses no options: export one of options")
         camera, self.step = self.about["camera"], self.about["steps"]
+        self.amounts = amounts_of(self.step)
         self.size = camera["height_px"], camera["width_px"]
         self.memory = np.zeros((1, self.about["memory"]), np.float32)
         self.last = np.full((1, len(BRANCHES)), -1, np.int64)
@@ -99,14 +105,16 @@ class FollowRiver(Node):
         return found["action"][0]
 
     def velocity(self, options: np.ndarray) -> Twist:
-        """Return the velocity of a step by its options [4], each 0, 1 or 2 for +1, 0 or -1 unit."""
-        units = {branch: float(1 - option) for branch, option in zip(BRANCHES, options, strict=True)}
+        """Return the velocity of a step by its options [4], by the metadata's words for what each of them does."""
+        moves = {
+            branch: self.about["actions"][branch][option] for branch, option in zip(BRANCHES, options, strict=True)
+        }
         rate = self.speed / self.step["seconds"]
         command = Twist()
-        command.linear.x = max(units["longitudinal"], 0.0) * self.step["forward_m"] * rate  # backward has no effect
-        command.linear.y = units["lateral"] * self.step["lateral_m"] * rate
-        command.linear.z = units["vertical"] * self.step["vertical_m"] * rate
-        command.angular.z = units["yaw"] * math.radians(self.step["yaw_deg"]) * rate
+        command.linear.x = self.amounts[moves["longitudinal"]] * rate
+        command.linear.y = self.amounts[moves["lateral"]] * rate
+        command.linear.z = self.amounts[moves["vertical"]] * rate
+        command.angular.z = self.amounts[moves["yaw"]] * rate
         return command
 
     def stop(self, reason: str) -> None:
@@ -131,6 +139,20 @@ class FollowRiver(Node):
     def now(self) -> float:
         """Return the time in seconds by the node's clock."""
         return self.get_clock().now().nanoseconds * 1e-9
+
+
+def amounts_of(step: dict[str, float]) -> dict[str, float]:
+    """Return metres forward, to the left or up, or radians to the left, of each word for a move."""
+    pairs = {
+        ("up", "down"): step["vertical_m"],
+        ("turn left", "turn right"): math.radians(step["yaw_deg"]),
+        ("forward", "backward"): step["forward_m"],
+        ("left", "right"): step["lateral_m"],
+    }
+    signed = {
+        name: sign * amount for pair, amount in pairs.items() for name, sign in zip(pair, (1.0, -1.0), strict=True)
+    }
+    return {"none": 0.0, **signed}
 
 
 def stamp_of(message: Image) -> float:

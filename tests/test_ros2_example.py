@@ -9,17 +9,23 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
 
+import numpy as np
 import onnxruntime
 import pytest
 
+from thalweg.deploy.export import FORMAT
+from thalweg.env.spaces import moves_in_words
+
 EXAMPLE = Path(__file__).parents[1] / "examples" / "ros2_follow.py"
 ABOUT = {
+    "format": FORMAT,
     "inputs": ["image"],
     "camera": {"height_px": 2, "width_px": 2},
     "steps": {"seconds": 0.25, "vertical_m": 1, "yaw_deg": 10, "forward_m": 1, "lateral_m": 0.5},
     "memory": 0,
     "fast_step_m": 0.0,
     "action_kind": "options",
+    "actions": moves_in_words("multidiscrete"),
 }
 
 
@@ -72,6 +78,30 @@ def test_policies_that_choose_numbers_are_refused(example: ModuleType, monkeypat
     told(monkeypatch, action_kind="numbers")
     with pytest.raises(RuntimeError, match="chooses no options"):
         example.FollowRiver()
+
+
+def test_files_of_another_format_are_refused(example: ModuleType, monkeypatch: pytest.MonkeyPatch):
+    told(monkeypatch, format=2)
+    with pytest.raises(RuntimeError, match="format is 2, not 3: export the policy again"):
+        example.FollowRiver()
+
+
+@pytest.mark.parametrize(
+    ("options", "moves", "velocity"),
+    [
+        ([0, 0, 0, 0], {}, (2.0, 1.0, 2.0, np.radians(20))),
+        ([2, 2, 2, 2], {}, (0.0, -1.0, -2.0, -np.radians(20))),
+        ([1, 1, 2, 1], {"allow_backward": True}, (-2.0, 0.0, 0.0, 0.0)),
+        ([0, 1, 1, 1], {"vehicle": "asv"}, (0.0, 0.0, 0.0, 0.0)),
+    ],
+)
+def test_a_velocity_is_half_that_of_the_step_that_the_options_name(
+    options: list[int], moves: dict, velocity: tuple, example: ModuleType, monkeypatch: pytest.MonkeyPatch
+):
+    told(monkeypatch, actions=moves_in_words("multidiscrete", **moves))
+    command = example.FollowRiver().velocity(np.array(options))
+    found = command.linear.x, command.linear.y, command.linear.z, command.angular.z
+    np.testing.assert_allclose(found, velocity, atol=1e-12)
 
 
 @pytest.mark.parametrize(("second", "stops"), [(100, False), (99, True), (101, True)])

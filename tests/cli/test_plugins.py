@@ -1,5 +1,6 @@
 """Tests of plug-ins on the command line: --plugin, what is said of broken ones, and --set help."""
 
+import shlex
 import shutil
 from dataclasses import fields
 from pathlib import Path
@@ -7,12 +8,15 @@ from typing import get_type_hints
 
 import pytest
 
-from tests.plugins import EXAMPLE, SQUARES, install, no_plugins  # noqa: F401  (a fixture)
+from tests.plugins import EXAMPLE, NESTS, SQUARES, install, no_plugins  # noqa: F401  (a fixture)
 from thalweg.algos import ALGORITHMS
 from thalweg.algos.imitation.config import ImitationConfig
 from thalweg.cli.encoder import ENCODER_COMMANDS
+from thalweg.cli.evaluate import Evaluate
 from thalweg.cli.main import COMMANDS, main
 from thalweg.cli.options import Plugins
+from thalweg.train import RunResult
+from thalweg.train.river import RiverTraining
 
 pytestmark = pytest.mark.usefixtures("no_plugins")
 
@@ -92,6 +96,27 @@ def test_a_broken_plugin_is_named_with_its_line_by_every_command(
     given = [*command.split(), *NEEDED.get(command, [])]
     assert main([*given, "--plugin", str(good), "--plugin", str(broken)]) == 2
     assert capsys.readouterr().err == f"thalweg: {broken}, line 2: ZeroDivisionError: division by zero\n"
+
+
+@pytest.mark.parametrize("name", ["encoder", "task", "loader"])
+def test_the_evaluation_that_a_run_advises_loads_its_plugins(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    file = tmp_path / "my plug-in.py"
+    result = RunResult(tmp_path / "run", "PPO", 5, 1, 0.0, 0.0, 0.0, 1.0, None, False, ())
+    source, given = {
+        "encoder": (SQUARES, ["--encoder", "squares"]),
+        "task": (NESTS, ["--task", "HighNests", "--observation", "privileged"]),
+        "loader": (EXAMPLE.read_text(), ["PricedPG", "--observation", "privileged"]),
+    }[name]
+    file.write_text(source)
+    monkeypatch.setattr(RiverTraining, "train", lambda *_, **__: result)
+    assert main(["train", *given, "--plugin", str(file), "--level", "easy", "--out", str(result.folder)]) == 0
+    line = capsys.readouterr().out.splitlines()[-1].removeprefix("Evaluate it: thalweg ")
+    flown: list[Evaluate] = []
+    monkeypatch.setattr("thalweg.cli.evaluate.evaluate_and_print", lambda command, _: flown.append(command))
+    assert main(shlex.split(line)) == 0
+    assert flown[0].plugin == (file,)
 
 
 def test_a_broken_entry_point_stops_no_command_that_does_not_ask_for_it(

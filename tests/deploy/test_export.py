@@ -261,3 +261,4 @@ def test_the_metadata_have_the_steps_and_the_temperature_of_the_training(tmp_pat
     about = export_policy(policy, tmp_path / "policy.onnx")
     assert about["steps"] == {"seconds": 0.5, "vertical_m": 1, "yaw_deg": 5, "forward_m": 0.75, "lateral_m": 0.5}
     assert (about["temperature"], about["fast_step_m"]) == (0.5, 0.0)
+    assert about["actions"]["longitudinal"] == ["forward", "none", "none"]

@@ -12,10 +12,11 @@ from thalweg.bench.execute.backend import PACKAGED_POLICY
 from thalweg.cli.main import main
 from thalweg.core.video import VideoError, open_video, read_video, write_video
 from thalweg.deploy.errors import ExportError
-from thalweg.deploy.export import OPTIONS, Exportable
+from thalweg.deploy.export import Exportable
 from thalweg.deploy.follow import (
     BACKGROUND,
     MARGIN_PX,
+    QUIET,
     VIEW_PX,
     WATER_RGB,
     Follower,
@@ -27,9 +28,24 @@ from thalweg.deploy.follow import (
 )
 from thalweg.encoder.water import load_segmenter, mean_iou, water_in
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.spaces import moves_in_words
 from thalweg.render import Camera, Look, Renderer
 from thalweg.train import load_policy
 from thalweg.world import World
+
+MOVES = moves_in_words("multidiscrete")
+
+
+class Watched:
+    """A stand-in for a `Follower` that calls a function."""
+
+    moves = MOVES
+
+    def __init__(self, see: Any, step_s: float = 0.25) -> None:
+        self.see, self.step_s = see, step_s
+
+    def __call__(self, frame: np.ndarray) -> Any:
+        return self.see(frame)
 
 
 def test_the_middle_of_a_frame_is_cut_to_the_shape_of_the_camera():
@@ -40,7 +56,8 @@ def test_the_middle_of_a_frame_is_cut_to_the_shape_of_the_camera():
     np.testing.assert_allclose(found[7, :, 0], np.arange(30) * 2 + 0.5, atol=0.5)
 
 
-def test_frames_that_are_a_step_apart_are_read(tmp_path: Path):
+@pytest.mark.parametrize(("step_s", "every", "shown"), [(0.25, 3, (8, 2.0)), (0.5, 6, (4, 2.0))])
+def test_frames_that_are_a_step_apart_are_read(step_s: float, every: int, shown: tuple, tmp_path: Path):
     frames = np.repeat(np.arange(24, dtype=np.uint8)[:, None, None, None] * 10, 64, 1).repeat(64, 2).repeat(3, 3)
     write_video(tmp_path / "fast.mp4", frames, 12, crf=18)
     seen: list[float] = []
@@ -49,10 +66,15 @@ def test_frames_that_are_a_step_apart_are_read(tmp_path: Path):
         seen.append(float(frame.mean()))
         return frame, np.ones(4, int), None
 
-    follower: Any = watcher
+    follower: Any = Watched(watcher, step_s)
     follow(tmp_path / "fast.mp4", tmp_path / "out.mp4", follower, "watcher")
-    np.testing.assert_allclose(seen, np.arange(0, 24, 3) * 10, atol=3)
-    assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "out.mp4")) == (8, 2.0)
+    np.testing.assert_allclose(seen, np.arange(0, 24, every) * 10, atol=3)
+    assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "out.mp4")) == shown
+
+
+def test_the_step_is_that_of_the_policys_training():
+    trained = [Follower(policies.of_images("rgb", env=env)) for env in ({}, {"step_s": 0.5})]
+    assert [follower.step_s for follower in trained] == [0.25, 0.5]
 
 
 def test_a_policy_sees_the_frames_with_the_water_that_is_found_and_chooses_as_it_would(tmp_path: Path):
@@ -74,9 +96,24 @@ def test_a_policy_of_numbers_is_shown_with_shares_of_a_step(tmp_path: Path):
     policy, _ = policies.of_codes("default", actions=policies.numbers("gaussian"))
     taken = follow(tmp_path / "in.mp4", tmp_path / "out.mp4", Follower(policy, load_segmenter()), "mine")
     assert taken.shape == (3, 4) and taken.dtype == np.float32
-    move = zip(OPTIONS, np.array([0.504, -0.004, -0.25, -1.0], np.float32), strict=True)
-    assert [move_in_words(*each) for each in move] == ["up 50%", "none", "backward 25%", "right 100%"]
-    assert move_in_words(OPTIONS[0], np.int64(2)) == "down"
+    numbers = np.array([0.504, -0.004, -0.25, -1.0], np.float32)
+    for backward, shown in ((True, "backward 25%"), (False, "none")):
+        names = moves_in_words("continuous", allow_backward=backward).values()
+        move = [move_in_words(*each) for each in zip(names, numbers, strict=True)]
+        assert move == ["up 50%", "none", shown, "right 100%"]
+    assert move_in_words(("up", "none", "down"), np.int64(2)) == "down"
+
+
+@pytest.mark.parametrize(
+    ("env", "bright"), [({}, False), ({"allow_backward": True}, True), ({"task": "RacingLine"}, True)]
+)
+def test_the_overlay_names_the_third_option_forward_by_the_training(env: dict[str, Any], bright: bool):
+    follower = Follower(policies.of_images("rgb", env=env))
+    colours = np.zeros((128, 128, 3), np.uint8)
+    third, none = (
+        overlay(colours, np.array([1, 1, option, 1]), follower.moves, None, "mine", 1).astype(int) for option in (2, 1)
+    )
+    assert ((third != none).any(), (third > QUIET).all(-1).sum() > (none > QUIET).all(-1).sum()) == (bright, bright)
 
 
 def test_a_policy_of_colours_alone_needs_no_segmenter():
@@ -94,7 +131,7 @@ def test_what_a_video_does_not_have_is_refused():
 
 def test_the_overlay_of_a_wide_frame_keeps_its_shape():
     colours = np.full((48, 96, 3), 200, np.uint8)
-    drawn = overlay(colours, np.ones(4, int), np.full((48, 96), 255, np.uint8), "mine", 1)
+    drawn = overlay(colours, np.ones(4, int), MOVES, np.full((48, 96), 255, np.uint8), "mine", 1)
     shown = (drawn[:, MARGIN_PX : MARGIN_PX + VIEW_PX] != BACKGROUND).any(axis=(1, 2))
     rows = np.flatnonzero(shown)
     assert (len(rows), rows[0]) == (VIEW_PX // 2, MARGIN_PX + VIEW_PX // 4)
@@ -104,7 +141,7 @@ def test_the_overlay_shades_the_water_that_was_found():
     colours = np.zeros((128, 128, 3), np.uint8)
     mask = np.zeros((128, 128), np.uint8)
     mask[64:] = 255
-    dry, wet = (overlay(colours, np.ones(4, int), each, "mine", 1) for each in (np.zeros_like(mask), mask))
+    dry, wet = (overlay(colours, np.ones(4, int), MOVES, each, "mine", 1) for each in (np.zeros_like(mask), mask))
     changed = (dry != wet).any(axis=-1)
     assert changed[16 + 192 : 16 + 384, 16 : 16 + 384].mean() > 0.98 and not changed[16 : 16 + 180, 16 : 16 + 384].any()
     np.testing.assert_allclose(wet[16 + 300, 100], 0.45 * np.array(WATER_RGB), atol=1)
@@ -140,7 +177,7 @@ def test_a_video_that_does_not_say_its_rate_is_refused(tmp_path: Path, monkeypat
     path.touch()
     monkeypatch.setattr(imageio_ffmpeg, "read_frames", lambda _: (each for each in [{"size": (64, 64), "fps": 0}]))
     with open_video(path) as video, pytest.raises(VideoError, match=r"in.mp4 does not say how many frames a second"):
-        frames_of_step(video, path)
+        frames_of_step(video, path, 0.25)
 
 
 def test_an_overlay_lasts_as_long_as_its_video_and_is_closed_on_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -165,7 +202,7 @@ def test_an_overlay_lasts_as_long_as_its_video_and_is_closed_on_errors(tmp_path:
     steps: list[bool] = []
     first = follower(np.zeros((128, 128, 3), np.uint8))
     monkeypatch.setattr(imageio_ffmpeg, "write_frames", watched)
-    failure: Any = failing
+    failure: Any = Watched(failing)
     with pytest.raises(ValueError, match="broken") as caught:
         follow(tmp_path / "in.mp4", tmp_path / "bad.mp4", failure, "broken")
     assert closed and caught.value.args == ("broken",) and not (tmp_path / "bad.mp4").exists()

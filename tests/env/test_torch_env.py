@@ -241,12 +241,47 @@ def test_a_state_that_does_not_fit_is_refused_by_name():
     env = made()
     env.reset()
     state = env.get_state()
-    with pytest.raises(StateError, match=r"belongs to other worlds or another config \(config differs\)"):
+    with pytest.raises(StateError, match=r"belongs to another config \(config differs\)"):
         made(max_steps=7).set_state(state)
     with pytest.raises(StateError, match="pose is float32"):
         env.set_state({**state, "pose": state["pose"].astype(np.float32)})
-    with pytest.raises(StateError, match="needed: "):
+    with pytest.raises(StateError, match=r"lacks \['config'.* and has unknown \[\]"):
         env.set_state({name: state[name] for name in ("pose",)})
+    with pytest.raises(StateError, match=r"belongs to other worlds \(world differs\)"):
+        env.set_state({**state, "world": state["world"][::-1].copy()})
+
+
+IMPOSSIBLE = {
+    "segment": 10**9, "travel": 0, "pose": np.nan, "time_s": np.inf, "visited": 2, "visited_count": 10**6, "steps": -1,
+    "idle": -1, "seed": -1, "episode": 0, "look": 1, "ended": 2, "last_pose": np.nan, "last_action": np.nan,
+    "scene": -1, "station": -1.0, "way": np.inf, "force_gust": np.nan, "force_velocity": np.inf,
+    "force_mean_wind": np.nan, "force_current": np.nan,
+}  # fmt: skip
+"""A value of each array that no episode has."""
+
+
+def flying() -> TensorRiverEnv:
+    """Environments whose states have all arrays, in their first episode, without a step that is compiled."""
+    options = {"action": "continuous", "dynamics": "inertial", "max_steps": 40}
+    env = made(observation=("proprioception",), task="Portage", **options)
+    count = np.ones(N, np.int64)
+    env.set_state({**env.get_state(), "episode": count, "ended": np.zeros(N, np.uint8)})
+    return env
+
+
+@pytest.mark.parametrize("name", IMPOSSIBLE)
+def test_values_that_no_episode_has_are_refused_by_name(name: str):
+    env = flying()
+    before, state = env.get_state(), env.get_state()
+    state[name][1] = IMPOSSIBLE[name]
+    with pytest.raises(StateError, match=rf"^{name} has an impossible value.*\(environment 1\)"):
+        env.set_state(state)
+    assert all(np.array_equal(value, before[key]) for key, value in env.get_state().items())
+
+
+def test_every_array_that_a_step_indexes_or_computes_with_is_checked():
+    unchecked = {"world", "fingerprint", "config", "force_key"}  # three are compared, and any key gives numbers
+    assert set(flying().get_state()) - unchecked == set(IMPOSSIBLE)
 
 
 def test_actions_are_checked_before_anything_changes():

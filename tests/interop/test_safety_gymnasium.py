@@ -4,9 +4,12 @@ Safety-Gymnasium 1.0.0 itself cannot be imported beside Gymnasium 1, on which Th
 values is tested in `test_omnisafe.py`.
 """
 
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from tests.interop.small import OPTIONS, actions, assert_same, single, vector
 from thalweg.interop import safety_gymnasium
@@ -60,6 +63,45 @@ def test_many_environments_have_final_observations_where_episodes_ended_and_nowh
     assert ended >= 6
 
 
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_vectors_of_single_environments_have_the_costs_of_ends_too(mode: str):
+    envs = vector(
+        observation="none", vectorization_mode=mode, vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP}
+    )
+    env, native = SafetyVectorEnv(envs), vector(observation="none")
+    env.reset(seed=5)
+    native.reset(seed=5)
+    costs = []
+    for action in actions(native.action_space, 30):
+        cost, *_, info = env.step(action)[2:]
+        expected = native.step(action)[4]["cost"]
+        assert_same(cost, expected)
+        for row in np.flatnonzero(info.get("_final_info", np.zeros(3))):
+            assert info["final_info"][row]["cost"] == cost[row]
+        costs.extend(cost)
+    env.close()
+    assert np.count_nonzero(costs) >= 6
+
+
+class Unsafe(gymnasium.Env):
+    """An environment whose episodes have one step and that tells a cost of 3 then, and nothing at a reset."""
+
+    observation_space = action_space = gymnasium.spaces.Discrete(2)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[int, dict[str, Any]]:
+        super().reset(seed=seed)
+        return 0, {}
+
+    def step(self, action: Any) -> tuple[int, float, bool, bool, dict[str, Any]]:
+        return 1, 0.0, True, False, {"cost": 3.0}
+
+
+def test_a_cost_that_only_the_final_info_tells_is_returned():
+    env = SafetyVectorEnv(SyncVectorEnv([Unsafe, Unsafe], autoreset_mode=AutoresetMode.SAME_STEP))
+    env.reset(seed=0)
+    assert_same(env.step(np.zeros(2, dtype=int))[2], np.array([3.0, 3.0]))
+
+
 def test_other_autoreset_modes_and_environments_without_a_cost_are_refused():
     with pytest.raises(InteropError, match=r"SafetyVectorEnv needs .* SAME_STEP, not NEXT_STEP"):
         safety_gymnasium.make_vec("thalweg/Easy-v0", 2, observation="none", autoreset_mode="next_step")
@@ -67,3 +109,9 @@ def test_other_autoreset_modes_and_environments_without_a_cost_are_refused():
     env.reset(seed=0)
     with pytest.raises(InteropError, match="tells no cost: info has nothing, not cost"):
         env.step(np.int64(0))
+    many = SafetyVectorEnv(
+        SyncVectorEnv([lambda: gymnasium.make("CartPole-v1")], autoreset_mode=AutoresetMode.SAME_STEP)
+    )
+    many.reset(seed=0)
+    with pytest.raises(InteropError, match="tells no cost: info has nothing, not cost"):
+        many.step(np.zeros(1, dtype=int))

@@ -15,7 +15,7 @@ class Follow(Command):
     """Show over a video the water that is found in it, and the moves that a policy would choose."""
 
     video: Positional[Path]
-    """Video to read; about four frames a second are used, one for each step of the policy."""
+    """Video to read; one frame is used for each step of the policy, four a second unless it was trained otherwise."""
     policy: str = "packaged"
     """A run's folder, a policy file, or `packaged`."""
     segmenter: Path | None = None

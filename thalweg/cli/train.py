@@ -119,7 +119,8 @@ class Train(Command):
             begin_with=self.begin_with,
             graphs=self.graphs,
         )
-        print_result(result, self._where(seeds))
+        plugins = [word for file in self.plugin for word in ("--plugin", str(file))]
+        print_result(result, [*self._where(seeds), *plugins])
         return 0
 
     def _warn_of_limit(self, algorithm: "Entry", settings: dict[str, Any], river: "Reach | tuple[str, ...]") -> None:

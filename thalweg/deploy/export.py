@@ -26,7 +26,7 @@ from thalweg.deploy.onnx_policy import KEY, OnnxPolicy
 from thalweg.encoder import Encoder, PluginEncoder
 from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.forces.options import ForceOptions
-from thalweg.env.spaces import BRANCHES
+from thalweg.env.spaces import BRANCHES, moves_in_words
 from thalweg.env.task.proprioception import PROPRIOCEPTION
 from thalweg.env.tasks import task_named
 from thalweg.render import Camera
@@ -44,17 +44,8 @@ from thalweg.train.observations import (
 )
 from thalweg.train.river import load_compatible_encoder
 
-FORMAT = 2
+FORMAT = 3
 """Version of the metadata of a file."""
-OPTIONS = (
-    ("up", "none", "down"),
-    ("turn left", "none", "turn right"),
-    ("forward", "none", "backward"),
-    ("left", "none", "right"),
-)
-"""What each option of each branch does; in a task with a fast step, `backward` is a fast step forward."""
-NUMBERS = (("up", "down"), ("turn left", "turn right"), ("forward", "backward"), ("left", "right"))
-"""What +1 and -1 of each continuous action do; in a task with a fast step, -1 forward is no move."""
 OUTPUTS = {
     "categorical": "logits of the options of all branches",
     "gaussian": "means, then logarithms of standard deviations",
@@ -139,6 +130,28 @@ class Exportable:
         assert self.policy.shape.eyes is not None
         height, width, _ = self.policy.shape.eyes.image
         return replace(camera_of(self.policy), height_px=height, width_px=width)
+
+    @property
+    def steps(self) -> dict[str, float]:
+        """The duration of a step of the policy's training, and its sizes, by the keys of `STEPS`."""
+        env = self._env
+        return {key: env.get(field, getattr(DEFAULT_CONFIG, field)) for key, field in STEPS.items()}
+
+    @property
+    def moves(self) -> dict[str, tuple[str, str, str]]:
+        """What the options of each branch, or +1, 0 and -1, did in the policy's training, see `moves_in_words`."""
+        env = self._env
+        return moves_in_words(
+            action_of(self.policy),
+            fast_step=task_named(task_of(self.policy)).fast_step_m > 0,
+            allow_backward=bool(env.get("allow_backward", DEFAULT_CONFIG.allow_backward)),
+            vehicle=env.get("vehicle", DEFAULT_CONFIG.vehicle),
+        )
+
+    @property
+    def _env(self) -> dict[str, Any]:
+        """What the policy says of the `EnvConfig` of its training."""
+        return context_of(self.policy).get("env", {})
 
     def examples(self, count: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
         """Return random inputs by name, as in `ExportedNetwork`, of `count` vehicles, some of which begin a flight."""
@@ -244,7 +257,7 @@ def _about(chosen: Exportable, source: Path | None, name: str) -> dict[str, Any]
     """Return the metadata of the file as plain data."""
     policy, camera = chosen.policy, chosen.camera
     context, task = context_of(policy), task_of(policy)
-    env = context.get("env", {})
+    options = bool(policy.actions.sizes)
     return {
         "format": FORMAT,
         "name": name,
@@ -257,10 +270,10 @@ def _about(chosen: Exportable, source: Path | None, name: str) -> dict[str, Any]
         "mask": "255 where water is seen, else 0",
         "proprioception": list(PROPRIOCEPTION) if "proprioception" in chosen.inputs else [],
         "memory": chosen.memory,
-        "action_kind": "options" if policy.actions.sizes else "numbers",
-        "actions": dict(zip(BRANCHES, map(list, OPTIONS if policy.actions.sizes else NUMBERS), strict=True)),
+        "action_kind": "options" if options else "numbers",
+        "actions": {branch: list(moves if options else moves[::2]) for branch, moves in chosen.moves.items()},
         "outputs": OUTPUTS[policy.actions.kind],
-        "steps": {key: env.get(field, getattr(DEFAULT_CONFIG, field)) for key, field in STEPS.items()},
+        "steps": chosen.steps,
         "fast_step_m": task_named(task).fast_step_m,
         "temperature": policy.temperature,
         "chooses": _chooses(policy),

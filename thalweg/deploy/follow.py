@@ -3,7 +3,7 @@
 The policy has no effect on the video. It sees the middle of each frame, cut to the shape of its camera.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,8 @@ from PIL import Image, ImageDraw, ImageFont
 from thalweg.core.atomic_io import atomic_path
 from thalweg.core.video import Video, VideoError, open_video, write_video
 from thalweg.deploy.errors import ExportError
-from thalweg.deploy.export import OPTIONS, Exportable
+from thalweg.deploy.export import Exportable
 from thalweg.encoder.water import SIDES, WaterSegmenter, water_in
-from thalweg.env.config import DEFAULT_CONFIG
 
 VIEW_PX, PANEL_PX, MARGIN_PX = 384, 176, 16
 """Sides of the frame and of the panel beside it, and the margin around them, in pixels."""
@@ -44,6 +43,10 @@ class Follower:
         self.segmenter = segmenter
         camera = chosen.camera
         self.size_px = camera.height_px, camera.width_px
+        self.moves = chosen.moves
+        """What the options of each branch do, or +1, 0 and -1."""
+        self.step_s = chosen.steps["seconds"]
+        """Seconds of a step in the policy's training."""
         if segmenter is not None and any(side % SIDES for side in self.size_px):
             raise ExportError(
                 f"the policy sees frames of {camera.height_px} x {camera.width_px} pixels (height x width); finding the"
@@ -83,7 +86,7 @@ def cut_to(frame: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
     return np.array(Image.fromarray(frame).resize((width, height), Image.Resampling.BOX, box=box))
 
 
-def frames_of_step(video: Video, path: Path, step_s: float = DEFAULT_CONFIG.step_s) -> int:
+def frames_of_step(video: Video, path: Path, step_s: float) -> int:
     """Return the number of frames of a video from one step of `step_s` seconds to the next, at least 1.
 
     Raises `VideoError`, with the video's `path`, if it does not say how many frames a second it has.
@@ -93,12 +96,20 @@ def frames_of_step(video: Video, path: Path, step_s: float = DEFAULT_CONFIG.step
     return max(round(video.fps * step_s), 1)
 
 
-def overlay(colours: np.ndarray, options: np.ndarray, mask: np.ndarray | None, title: str, step: int) -> np.ndarray:
+def overlay(
+    colours: np.ndarray,
+    options: np.ndarray,
+    moves: Mapping[str, tuple[str, str, str]],
+    mask: np.ndarray | None,
+    title: str,
+    step: int,
+) -> np.ndarray:
     """Return the overlay [h, w, 3] uint8 of one step.
 
     Args:
         colours: [H, W, 3] uint8.
         options: int64 [4] or float32 [4] in -1..1, the policy's move.
+        moves: What the options of each branch do, as `thalweg.env.spaces.moves_in_words` returns it.
         mask: [H, W] uint8, above 0 where water was found; None to show none.
         title: Name of the policy.
         step: Number of the step, from 1.
@@ -112,10 +123,10 @@ def overlay(colours: np.ndarray, options: np.ndarray, mask: np.ndarray | None, t
     left, draw, font = VIEW_PX + 2 * MARGIN_PX, ImageDraw.Draw(canvas), ImageFont.load_default(size=15)
     for line, text in enumerate((title, f"step {step}")):
         draw.text((left, MARGIN_PX + line * LINE_PX), text, TEXT, font)
-    for branch, (names, option) in enumerate(zip(OPTIONS, options, strict=True)):
+    for branch, (names, option) in enumerate(zip(moves.values(), options, strict=True)):
         name = move_in_words(names, option)
         at = (left, MARGIN_PX + (3 + branch) * LINE_PX)
-        draw.text(at, name if name != "none" else "-", QUIET if name in ("none", "backward") else TEXT, font)
+        draw.text(at, name if name != "none" else "-", QUIET if name == "none" else TEXT, font)
     if mask is not None:
         top = height - MARGIN_PX - PANEL_PX
         _paste(canvas, Image.fromarray(mask), PANEL_PX, (left, top))
@@ -132,18 +143,18 @@ def _paste(canvas: Image.Image, picture: Image.Image, side_px: int, corner: tupl
 
 
 def move_in_words(names: tuple[str, ...], choice: np.number) -> str:
-    """Return what an option does, or a number with its share of a step; `names` as in `OPTIONS`."""
+    """Return what an option does, or a number with its share of a step; `names` of the options, or of +1, 0 and -1."""
     if np.issubdtype(choice.dtype, np.integer):
         return names[int(choice)]
-    share = f"{abs(choice):.0%}"
-    return "none" if share == "0%" else f"{names[0 if choice > 0 else 2]} {share}"
+    name, share = names[0 if choice > 0 else 2], f"{abs(choice):.0%}"
+    return "none" if name == "none" or share == "0%" else f"{name} {share}"
 
 
 def follow(path: Path, out: Path, follower: Follower, title: str) -> np.ndarray:
     """Write the overlay of the video `path` to `out`, atomically, and return its T moves [T, 4].
 
-    Frames are taken about a step apart. Raises `FileNotFoundError`, and `VideoError` for a file that is no video, has
-    no frame, or does not say how many frames a second it has.
+    Frames are taken about a step of the policy's training apart. Raises `FileNotFoundError`, and `VideoError` for a
+    file that is no video, has no frame, or does not say how many frames a second it has.
     """
     taken: list[np.ndarray] = []
 
@@ -151,10 +162,10 @@ def follow(path: Path, out: Path, follower: Follower, title: str) -> np.ndarray:
         for frame in frames:
             colours, options, mask = follower(frame)
             taken.append(options)
-            yield overlay(colours, options, mask, title, len(taken))
+            yield overlay(colours, options, follower.moves, mask, title, len(taken))
 
     with open_video(path) as video, atomic_path(out) as draft:
-        every = frames_of_step(video, path)
+        every = frames_of_step(video, path, follower.step_s)
         if not write_video(draft, overlays(islice(video.frames, 0, None, every)), video.fps / every, crf=CRF, name=out):
             raise VideoError(f"{path} has no frame")
     return np.stack(taken)

@@ -7,7 +7,7 @@ import numpy as np
 from thalweg.env.config import EnvConfig
 from thalweg.env.task.course_arrays import config_fingerprint, fingerprint
 from thalweg.env.task.rules import State
-from thalweg.render.records.appearance import check_values as check_looks
+from thalweg.render.records.appearance import check_values as check_look_values
 from thalweg.world.record import World
 
 FIXED_KEYS = {"fingerprint": "other worlds", "world": "other worlds", "config": "another config"}
@@ -62,10 +62,11 @@ def check_arrays(given: Mapping[str, np.ndarray], current: Mapping[str, np.ndarr
             raise StateError(f"the state belongs to {FIXED_KEYS[name]} ({name} differs)")
 
 
-def check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, lights: int) -> None:
+def check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, own: Mapping[str, np.ndarray]) -> None:
     """Raise `StateError` with the name of the first array whose values would lead a step out of bounds.
 
-    segments [N] are those of each environment's course; `lights` is the number of lights per world.
+    segments [N] are those of each environment's course. `own` has the rows [N] bool with impossible values of the
+    arrays that only environments of this kind have.
     """
     given = {name: np.asarray(array) for name, array in given.items()}
     segment, visited = given["segment"], given["visited"]
@@ -79,33 +80,26 @@ def check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, lights: 
         "visited_count": given["visited_count"] != visited.sum(axis=1),
         "steps": given["steps"] < 0,
         "idle": given["idle"] < 0,
-        "sun": (given["sun"] < 0) | (given["sun"] >= lights),
-        "generator": given["begun"] & ~given["generator"].any(axis=1),
+        **own,
     }
     remembered = [name for name in ("last_pose", "last_action") if name in given]  # with proprioception only
     wrong |= {name: ~np.isfinite(given[name]).all(axis=1) for name in remembered}
+    if "way" in given:  # with tasks beside the paper's only
+        wrong |= {"scene": given["scene"] < 0}
+        wrong |= {name: ~(np.isfinite(given[name]) & (given[name] >= 0)) for name in ("station", "way")}
     for name, rows in wrong.items():
         if rows.any():
             row = int(np.argmax(rows))
             allowed = f"; allowed: 0..{segments[row] - 1}" if name == "segment" else ""
             raise StateError(f"{name} has an impossible value{allowed} (environment {row})")
-    if "way" in given:
-        _check_task(given)
+
+
+def check_looks(looks: np.ndarray) -> None:
+    """Raise `StateError` for looks [N, P] that no frame can have."""
     try:
-        check_looks(given["look"])
+        check_look_values(looks)
     except ValueError as reason:
         raise StateError(f"the look of an environment is impossible: {reason}") from None
-
-
-def _check_task(given: Mapping[str, np.ndarray]) -> None:
-    """Raise `StateError` with the name of the first array of a task's state that has an impossible value."""
-    for name, rows in {
-        "scene": given["scene"] < 0,
-        "station": ~(np.isfinite(given["station"]) & (given["station"] >= 0)),
-        "way": ~(np.isfinite(given["way"]) & (given["way"] >= 0)),
-    }.items():
-        if rows.any():
-            raise StateError(f"{name} has an impossible value (environment {int(np.argmax(rows))})")
 
 
 def restore_state(

@@ -12,8 +12,7 @@ from thalweg.render.records.classes import CLASSES
 FORWARD = 2
 """Index of the branch forward."""
 BRANCHES = ("vertical", "yaw", "longitudinal", "lateral")
-"""Branches of an action. Options 0, 1, 2: up, none, down; left, none, right; forward, none, backward, or a fast step
-forward where the task has one; left, none, right."""
+"""Branches of an action; `moves_in_words` says what their options do."""
 CHANNELS = {"rgb+mask": 4, "rgb": 3, "mask": 1}
 """Channels of the observations that are one image."""
 SKY_DEPTH_M = -1.0
@@ -29,6 +28,21 @@ def action_space(kind: str) -> gymnasium.spaces.Space:
     if kind == "multidiscrete":
         return gymnasium.spaces.MultiDiscrete([3, 3, 3, 3])
     return gymnasium.spaces.Box(-1.0, 1.0, (4,), dtype=np.float32)
+
+
+def moves_in_words(
+    kind: str, *, fast_step: bool = False, allow_backward: bool = False, vehicle: str = "uav"
+) -> dict[str, tuple[str, str, str]]:
+    """Return what the options 0, 1, 2 of each branch do, or of continuous actions +1, 0 and -1.
+
+    fast_step: whether the task has one, see `thalweg.env.tasks.Task.fast_step_m`. The others are as in `EnvConfig`.
+    """
+    forward, last = "forward", "backward" if allow_backward else "none"
+    if fast_step:
+        forward, last = ("forward", "fast forward") if kind == "multidiscrete" else ("fast forward", "none")
+    up, down = ("none", "none") if vehicle == "asv" else ("up", "down")
+    moves = (up, "none", down), ("turn left", "none", "turn right"), (forward, "none", last), ("left", "none", "right")
+    return dict(zip(BRANCHES, moves, strict=True))
 
 
 def batch_of_one(action: object) -> np.ndarray:

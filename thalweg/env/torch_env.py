@@ -18,6 +18,7 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from thalweg.core.compute.device import resolve_device
+from thalweg.env import snapshot
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, integer_at_least
 from thalweg.env.device.launcher import Launcher
 from thalweg.env.device.memory import bytes_per_env, check_memory, free_bytes
@@ -25,10 +26,9 @@ from thalweg.env.device.observer import BUFFERS, TensorObserver
 from thalweg.env.device.pushed_step import advance_pushed_all
 from thalweg.env.device.step import advance_all, reset_arguments
 from thalweg.env.forces.arrays import ForceState, empty_forces, force_numbers
-from thalweg.env.forces.of_many import PREFIX, write_winds
+from thalweg.env.forces.of_many import PREFIX, check_forces, write_winds
 from thalweg.env.initial_poses import random_start
 from thalweg.env.rivers.river_list import RiverList
-from thalweg.env.snapshot import StateError, env_identity, fingerprints
 from thalweg.env.spaces import FORWARD, ActionError, action_space, observation_space, to_unit_actions
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
@@ -192,17 +192,9 @@ class TensorRiverEnv:
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Restore a state of `get_state`; raises `StateError` before anything changes if it does not fit."""
-        current = self.get_state()
-        if set(state) != set(current):
-            raise StateError(f"the state has the arrays {sorted(state)}; needed: {sorted(current)}")
-        for name, value in current.items():
-            given = np.asarray(state[name])
-            if given.shape != value.shape or given.dtype != value.dtype:
-                raise StateError(
-                    f"{name} is {given.dtype} {given.shape}; this environment has {value.dtype} {value.shape}"
-                )
-            if name in (*self._identity, "world") and not np.array_equal(given, value):
-                raise StateError(f"the state belongs to other worlds or another config ({name} differs)")
+        snapshot.check_arrays(state, self.get_state())
+        snapshot.check_values(state, self._segments.cpu().numpy(), self._wrong(state))
+        check_forces(state)
         for name in self._state_names:
             self._tensors[name].copy_(torch.from_numpy(np.array(state[name])))
         self._started = True
@@ -216,7 +208,7 @@ class TensorRiverEnv:
 
     @cached_property
     def _identity(self) -> dict[str, np.ndarray]:
-        return env_identity(fingerprints(self.worlds), self.config)
+        return snapshot.env_identity(snapshot.fingerprints(self.worlds), self.config)
 
     @cached_property
     def _actions(self) -> Tensor:
@@ -227,6 +219,16 @@ class TensorRiverEnv:
     def _blowing(self) -> Tensor:
         """The wind [N, 3] float64; memory that `_wind` fills again and again."""
         return torch.zeros(self.num_envs, 3, dtype=torch.float64, device=self.device)
+
+    def _wrong(self, state: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """Return the rows [N] of impossible values of the arrays that only environments of tensors have."""
+        seed, episode, look, ended = (np.asarray(state[name]) for name in ("seed", "episode", "look", "ended"))
+        return {
+            "seed": seed < 0,
+            "episode": episode < (ended == 0),  # the first episode that runs is number 1
+            "look": (look < 0) | (look >= self._observer.looks),
+            "ended": ended > 1,
+        }
 
     def _advance(self, unit_actions: Tensor) -> None:
         """Step or reset every environment by unit actions [N, 4] float64."""

@@ -12,7 +12,7 @@ from gymnasium.vector import VectorEnv
 
 from thalweg.interop.errors import InteropError, not_installed
 from thalweg.interop.vector_envs import vector_env
-from thalweg.interop.vector_infos import check_same_step
+from thalweg.interop.vector_infos import check_same_step, values_of_step
 
 try:
     from pufferlib import PufferEnv  # pyright: ignore[reportMissingImports]
@@ -90,9 +90,10 @@ class RiverPufferEnv(PufferEnv):  # pyright: ignore[reportGeneralTypeIssues]  # 
         obs, rewards, terminated, truncated, info = self.envs.step(self.actions.astype(self.single_action_space.dtype))
         self.observations[:], self.rewards[:] = obs, rewards
         self.terminals[:], self.truncations[:] = terminated, truncated
-        self._sums += np.stack([rewards, np.ones(self.num_agents), info["cost"]])
-        ended = np.flatnonzero(terminated | truncated)
-        rows = [*self._sums, info["done_reason"]]
+        done = terminated | truncated
+        cost, reason = (values_of_step(info, key, done) for key in ("cost", "done_reason"))
+        self._sums += np.stack([rewards, np.ones(self.num_agents), cost])
+        ended, rows = np.flatnonzero(done), [*self._sums, reason]
         infos = [{name: float(values[row]) for name, values in zip(TOLD, rows, strict=True)} for row in ended]
         self._sums[:, ended] = 0
         return self.observations, self.rewards, self.terminals, self.truncations, infos

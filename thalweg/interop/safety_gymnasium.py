@@ -11,8 +11,7 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 from gymnasium.vector import VectorEnv, VectorWrapper
 
-from thalweg.interop.errors import InteropError
-from thalweg.interop.vector_infos import FINAL, check_same_step, info_of_each
+from thalweg.interop.vector_infos import FINAL, check_same_step, info_of_each, not_told, values_of_step
 
 
 def make(env_id: str, **options: Any) -> "SafetyEnv":
@@ -36,7 +35,9 @@ class SafetyEnv(gymnasium.Wrapper, RecordConstructorArgs):
     def step(self, action: Any) -> tuple[Any, float, float, bool, bool, dict[str, Any]]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Take one action; raises `InteropError` if `info` has no `cost`."""
         obs, reward, terminated, truncated, info = self.env.step(action)
-        return obs, float(reward), float(_cost_of(info)), terminated, truncated, info
+        if "cost" not in info:
+            raise not_told(info, "cost")
+        return obs, float(reward), float(info["cost"]), terminated, truncated, info
 
 
 class SafetyVectorEnv(VectorWrapper):
@@ -55,9 +56,9 @@ class SafetyVectorEnv(VectorWrapper):
     def step(self, actions: Any) -> tuple[Any, Any, np.ndarray, Any, Any, dict[str, Any]]:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Take one action per environment; raises `InteropError` if `info` has no `cost`."""
         obs, reward, terminated, truncated, info = self.env.step(actions)
-        cost = np.asarray(_cost_of(info), dtype=np.float64)
+        ended = np.asarray(terminated | truncated)
+        cost = values_of_step(info, "cost", ended).astype(np.float64)
         if "final_obs" in info:
-            ended = np.asarray(terminated | truncated)
             told = info_of_each(info, self.num_envs)
             final_info = np.full(self.num_envs, None, dtype=object)
             for row in np.flatnonzero(ended):
@@ -70,10 +71,3 @@ class SafetyVectorEnv(VectorWrapper):
                 "_final_info": ended.copy(),
             }
         return obs, reward, cost, terminated, truncated, info
-
-
-def _cost_of(info: dict[str, Any]) -> Any:
-    """Return the cost of a step; raises `InteropError` if there is none."""
-    if "cost" not in info:
-        raise InteropError(f"the environment tells no cost: info has {', '.join(sorted(info)) or 'nothing'}, not cost")
-    return info["cost"]

@@ -1,4 +1,5 @@
-"""Functions on vector environments that adapters share: check of the autoreset mode, and info of each environment."""
+"""Functions on vector environments that adapters share: check of the autoreset mode, values of the action just taken,
+and info of each environment."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -20,6 +21,27 @@ def check_same_step(envs: VectorEnv, adapter: str) -> None:
             f"{adapter} needs a vector environment whose autoreset_mode is SAME_STEP, not"
             f" {getattr(mode, 'name', mode)}: leave autoreset_mode= of gymnasium.make_vec out"
         )
+
+
+def not_told(info: Mapping[str, Any], key: str) -> InteropError:
+    """Return the error of an environment whose info lacks a key."""
+    return InteropError(f"the environment tells no {key}: info has {', '.join(sorted(info)) or 'nothing'}, not {key}")
+
+
+def values_of_step(info: Mapping[str, Any], key: str, ended: np.ndarray) -> np.ndarray:
+    """Return the values [N] of the action just taken; raises `InteropError` if the environments tell none.
+
+    Where an episode `ended` [N] bool, they are those of `final_info` if it has them: in Gymnasium's vectors of single
+    environments, `info[key]` is then of the reset that followed. An environment that tells nothing has 0.
+    """
+    final = info.get("final_info", {})
+    if key not in info and key not in final:
+        raise not_told(info, key)
+    values = np.array(info[key] if key in info else np.zeros_like(final[key]))
+    if key in final:
+        told = ended & np.asarray(final.get(f"_{key}", ended), dtype=bool)
+        values[told] = np.asarray(final[key])[told]
+    return values
 
 
 def info_of_each(info: Mapping[str, Any], num_envs: int) -> list[dict[str, Any]]:

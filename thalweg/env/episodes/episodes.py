@@ -7,7 +7,7 @@ import numpy as np
 
 from thalweg.env import snapshot
 from thalweg.env.config import EnvConfig
-from thalweg.env.forces.of_many import ForcesOfMany
+from thalweg.env.forces.of_many import ForcesOfMany, check_forces
 from thalweg.env.frame_renderer import FrameRenderer
 from thalweg.env.initial_poses import project_anywhere, random_clock, random_start, travel_direction
 from thalweg.env.observer import Observer
@@ -94,8 +94,14 @@ class Episodes:
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Restore a state of `get_state`; raises `StateError` before anything changes if it does not fit."""
         snapshot.check_arrays(state, self.get_state())
-        snapshot.check_values(state, self.rivers.segments_in(state), self.frames.lights)
-        self.forces.check_state(state)
+        sun, generator = np.asarray(state["sun"]), np.asarray(state["generator"])
+        wrong = {
+            "sun": (sun < 0) | (sun >= self.frames.lights),
+            "generator": np.asarray(state["begun"]) & ~generator.any(axis=1),
+        }
+        snapshot.check_values(state, self.rivers.segments_in(state), wrong)
+        snapshot.check_looks(state["look"])
+        check_forces(state)
         self.rivers.restore(state)
         self.forces.set_state(state)
         kept = {**state, "world": self.rivers.slot}

@@ -67,13 +67,6 @@ class ForcesOfMany:
             return {}
         return {PREFIX + name: value.copy() for name, value in self.state._asdict().items()}
 
-    def check_state(self, given: Mapping[str, np.ndarray]) -> None:
-        """Raise `StateError` for values that no episode could have; shapes and types are checked already."""
-        for name in self.get_state():
-            if not np.isfinite(given[name]).all():
-                row = int(np.argwhere(~np.isfinite(given[name]))[0][0])
-                raise StateError(f"{name} has an impossible value (environment {row})")
-
     def set_state(self, given: Mapping[str, np.ndarray]) -> None:
         """Restore a checked state."""
         if self.numbers is not None:
@@ -85,6 +78,14 @@ class ForcesOfMany:
         """Fill `horizontal` from the means that are drawn for episodes."""
         speed, towards = self.state.mean_wind[rows, 0], self.state.mean_wind[rows, 1]
         self.horizontal[rows] = (speed * np.array([np.cos(towards), np.sin(towards)])).T
+
+
+def check_forces(given: Mapping[str, np.ndarray]) -> None:
+    """Raise `StateError` for arrays of forces in a snapshot with values that no episode could have."""
+    for name in given:
+        if name.startswith(PREFIX) and not np.isfinite(given[name]).all():
+            row = int(np.argwhere(~np.isfinite(given[name]))[0][0])
+            raise StateError(f"{name} has an impossible value (environment {row})")
 
 
 @kernel(fastmath=False, allocates=False)

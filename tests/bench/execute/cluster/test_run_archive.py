@@ -59,6 +59,23 @@ def test_what_comes_out_is_what_went_in_and_nothing_else(tmp_path: Path):
     assert pack(tmp_path / "here", RUN, TRIALS) == files
 
 
+def test_an_interrupted_stage_resumes_elsewhere_from_its_checkpoint(tmp_path: Path):
+    there, here = (home(tmp_path / name) for name in ("there", "here"))
+    for folder, at in ((there / ".before" / "0", 120), (there / ".before" / "1", 60)):
+        with pytest.raises(Stop):
+            train(folder, env=StopsAt(at))
+    files = pack(tmp_path / "there", RUN, TRIALS)
+    start = f"runs/{RUN}/.before"
+    checkpoints = [f"{start}/{name}" for name in ("0/checkpoints/000000000384", "1/checkpoints/000000000128")]
+    first = [f"{folder}/{name}" for folder in checkpoints for name in ("arrays.safetensors", "state.json")]
+    assert list(files)[:4] == first and set(first) <= milestones(files)
+    unpack(files, tmp_path / "here", RUN)
+    assert pack(tmp_path / "here", RUN, TRIALS) == files
+    train(here / ".before" / "0")
+    train(tmp_path / "whole")
+    assert numbers(here / ".before" / "0") == numbers(tmp_path / "whole")
+
+
 @pytest.mark.slow
 def test_a_run_killed_at_any_write_resumes_from_the_files_present(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     train(tmp_path / "whole")

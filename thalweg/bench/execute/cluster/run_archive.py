@@ -1,8 +1,8 @@
 """Archives of runs: all files of a run by name, for transfer between machines that share no disk.
 
 A run may be packed while it is executed, and unpacking may be killed halfway: the result is a run that was interrupted
-at some moment, like any other. Therefore the newest checkpoint is read before the tables, which only grow, and written
-after them.
+at some moment, like any other. Therefore the newest checkpoints, of the run and of each of its earlier stages, are read
+before the tables, which only grow, and written after them.
 """
 
 import os
@@ -24,11 +24,11 @@ Files = dict[str, bytes]
 
 def archive_names(folder: Path, run: str, trials: Sequence[Trial]) -> list[str]:
     """Return the names of all files of a run in a results folder, in the order in which they must be read: newest
-    checkpoint, rest of the run's folder, evaluations and log.
+    checkpoints of the run and its earlier stages, rest of the run's folder, evaluations and log.
     """
     run_folder = folder / "runs" / run
-    newest = max((path for path in (run_folder / CHECKPOINTS).glob("[0-9]*") if path.is_dir()), default=None)
-    paths = [] if newest is None else sorted(newest.iterdir())
+    stages = sorted((run_folder / STAGES).glob("[0-9]*"))
+    paths = [path for stage in (run_folder, *stages) for path in _newest_checkpoint(stage)]
     paths += _outside_checkpoints(run_folder)
     others = [evaluation_path(folder, run, trial) for trial in trials] + [folder / LOGS / f"{run}.txt"]
     paths += [path for path in others if path.exists()]
@@ -55,7 +55,7 @@ def unpack(files: Files, folder: Path, run: str) -> None:
     for name in files:
         if name not in checkpoint and name not in last:
             write_atomic(folder / name, files[name])
-    _write_checkpoint({folder / name: files[name] for name in checkpoint})
+    _write_checkpoints({folder / name: files[name] for name in checkpoint})
     for name in last:
         write_atomic(folder / name, files[name])
     for path in _outside_checkpoints(folder / "runs" / run):
@@ -63,14 +63,21 @@ def unpack(files: Files, folder: Path, run: str) -> None:
             path.unlink()
 
 
-def _write_checkpoint(contents: dict[Path, bytes]) -> None:
-    """Write a checkpoint's folder atomically, and remove the other checkpoints beside it."""
-    for final in {path.parent for path in contents}:
+def _newest_checkpoint(stage: Path) -> list[Path]:
+    """Return the files of the newest checkpoint in the folder of a run or of a stage; none if it has none."""
+    newest = max((path for path in (stage / CHECKPOINTS).glob("[0-9]*") if path.is_dir()), default=None)
+    return [] if newest is None else sorted(newest.iterdir())
+
+
+def _write_checkpoints(contents: dict[Path, bytes]) -> None:
+    """Write each checkpoint's folder atomically, and remove the other checkpoints beside it."""
+    for final in {path.parent: None for path in contents}:
         draft = final.with_name(f".{final.name}.archive.part")  # trainers remove folders with such names
         if not final.exists():
             shutil.rmtree(draft, ignore_errors=True)
             for path, content in contents.items():
-                write_atomic(draft / path.name, content)
+                if path.parent == final:
+                    write_atomic(draft / path.name, content)
             os.rename(draft, final)
         for other in final.parent.iterdir():
             if other.is_dir() and other != final:

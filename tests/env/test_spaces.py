@@ -1,0 +1,47 @@
+"""Tests of the words for moves against the moves themselves."""
+
+import math
+
+import numpy as np
+import pytest
+
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.spaces import BRANCHES, moves_in_words
+from thalweg.world import World
+
+MOVES = {
+    "none": (0.0, 0.0, 0.0, 0.0),
+    "up": (0.0, 0.0, 1.0, 0.0),
+    "down": (0.0, 0.0, -1.0, 0.0),
+    "turn left": (0.0, 0.0, 0.0, 10.0),
+    "turn right": (0.0, 0.0, 0.0, -10.0),
+    "forward": (1.0, 0.0, 0.0, 0.0),
+    "backward": (-1.0, 0.0, 0.0, 0.0),
+    "fast forward": (2.0, 0.0, 0.0, 0.0),
+    "left": (0.0, 0.5, 0.0, 0.0),
+    "right": (0.0, -0.5, 0.0, 0.0),
+}
+"""Metres forward, left and up, and degrees to the left, of each word."""
+
+
+@pytest.mark.parametrize("kind", ["multidiscrete", "continuous"])
+@pytest.mark.parametrize("options", [{}, {"allow_backward": True}, {"task": "RacingLine"}, {"vehicle": "asv"}], ids=str)
+def test_each_option_moves_as_its_word_says(kind: str, options: dict, easy_world: World):
+    config = EnvConfig(observation="none", action=kind, **options)  # pyright: ignore[reportArgumentType]
+    chosen = {name: value for name, value in options.items() if name != "task"}
+    words = moves_in_words(kind, fast_step="task" in options, **chosen)
+    assert tuple(words) == BRANCHES
+    rest, ends = ([1] * 4, (0, 1, 2)) if kind == "multidiscrete" else ([0.0] * 4, (1.0, 0.0, -1.0))
+    for branch, names in enumerate(words.values()):
+        for name, value in zip(names, ends, strict=True):
+            env = RiverVectorEnv([easy_world], 1, config)
+            _, info = env.reset(seed=1)
+            action = np.array([rest])
+            action[0, branch] = value
+            before, after = info["pose"][0], env.step(action)[4]["pose"][0]
+            (x, y, z), turn = after[:3] - before[:3], math.remainder(after[3] - before[3], 2 * math.pi)
+            cos, sin = math.cos(after[3]), math.sin(after[3])
+            ahead, left, up, degrees = MOVES[name]
+            found = x * cos + y * sin, y * cos - x * sin, math.degrees(turn)
+            np.testing.assert_allclose(found, (ahead, left, degrees), atol=1e-9, err_msg=f"{name} of {options}")
+            assert z == pytest.approx(up, abs=0.05 if "vehicle" in options else 1e-9)  # a boat's water has a slope

@@ -274,7 +274,7 @@ def test_values_that_no_episode_has_are_refused_by_name(name: str):
     env = flying()
     before, state = env.get_state(), env.get_state()
     state[name][1] = IMPOSSIBLE[name]
-    with pytest.raises(StateError, match=rf"^{name} has an impossible value.*\(environment 1\)"):
+    with pytest.raises(StateError, match=rf"^{name} has an impossible value, .+; allowed: .+ \(environment 1\)"):
         env.set_state(state)
     assert all(np.array_equal(value, before[key]) for key, value in env.get_state().items())
 

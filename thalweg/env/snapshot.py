@@ -1,6 +1,7 @@
 """Snapshots: the whole state of a vector environment as plain arrays, copied, checked and restored to the bit."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,27 @@ from thalweg.world.record import World
 FIXED_KEYS = {"fingerprint": "other worlds", "world": "other worlds", "config": "another config"}
 """Keys whose values must equal those of the environment, and the meaning of a difference."""
 MASK_64 = (1 << 64) - 1
+POSSIBLE = {
+    "travel": "1 or -1",
+    "pose": "finite numbers",
+    "time_s": "a finite number",
+    "visited": "0 or 1, and 0 beyond the course",
+    "visited_count": "the number of segments visited",
+    "steps": "0 or more",
+    "idle": "0 or more",
+    "last_pose": "finite numbers",
+    "last_action": "finite numbers",
+    "scene": "0 or more",
+    "station": "a finite number of 0 or more",
+    "way": "a finite number of 0 or more",
+    "sun": "the number of one of the world's lights, from 0",
+    "generator": "that of a generator where an episode has begun",
+    "seed": "0 or more",
+    "episode": "0 or more, and from 1 on while an episode runs",
+    "look": "the number of one of the looks, from 0",
+    "ended": "0 or 1",
+}
+"""Values that the arrays of a state may have, in words; those of `segment` depend on the course."""
 
 
 class StateError(ValueError):
@@ -90,8 +112,14 @@ def check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, own: Map
     for name, rows in wrong.items():
         if rows.any():
             row = int(np.argmax(rows))
-            allowed = f"; allowed: 0..{segments[row] - 1}" if name == "segment" else ""
-            raise StateError(f"{name} has an impossible value{allowed} (environment {row})")
+            allowed = f"0..{segments[row] - 1}" if name == "segment" else POSSIBLE[name]
+            raise impossible(name, given[name][row], allowed, row)
+
+
+def impossible(name: str, value: Any, allowed: str, row: int) -> StateError:
+    """Return the error of a value in an array of a state; `allowed`: what would be right, `row`: whose it is."""
+    shown = f"{np.asarray(value).tolist()!s:.60}"
+    return StateError(f"{name} has an impossible value, {shown}; allowed: {allowed} (environment {row})")
 
 
 def check_looks(looks: np.ndarray) -> None:

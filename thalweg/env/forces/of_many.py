@@ -10,7 +10,7 @@ from thalweg.env.config import EnvConfig
 from thalweg.env.forces.arrays import ForceState, empty_forces, force_numbers
 from thalweg.env.forces.step import step_pushed_all
 from thalweg.env.forces.weather import begin_weather, wind_now
-from thalweg.env.snapshot import StateError
+from thalweg.env.snapshot import impossible
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.rules import Outcome, State, step_all
 
@@ -85,7 +85,7 @@ def check_forces(given: Mapping[str, np.ndarray]) -> None:
     for name in given:
         if name.startswith(PREFIX) and not np.isfinite(given[name]).all():
             row = int(np.argwhere(~np.isfinite(given[name]))[0][0])
-            raise StateError(f"{name} has an impossible value (environment {row})")
+            raise impossible(name, given[name][row], "finite numbers", row)
 
 
 @kernel(fastmath=False, allocates=False)

@@ -6,7 +6,7 @@ import numpy as np
 
 from thalweg.env.config import EnvConfig
 from thalweg.env.rivers.pool import RiverPool
-from thalweg.env.snapshot import StateError, fingerprints
+from thalweg.env.snapshot import fingerprints, impossible
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.world.record import World
 
@@ -124,9 +124,7 @@ class DrawnRivers:
             wrong = (values < least) | (values >= count)
             if wrong.any():
                 row = int(np.argmax(wrong))
-                raise StateError(
-                    f"{name} has an impossible value, {values[row]}; allowed: {least}..{count - 1} (environment {row})"
-                )
+                raise impossible(name, values[row], f"{least}..{count - 1}", row)
         return np.array([self.pool.segments(int(river)) for river in np.asarray(state["river"])])
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:

@@ -265,8 +265,8 @@ def paint_pixels(scene, view, part, pixel, top, places, hits, out, n):
 
 @kernel(inlined=True, allocates=False)
 def add_hits(area, tile, work, coloured, count, touched):
-    """Add the first `count` of the rays that `PartRays` keep, painted if coloured, to the `Layers` of a `Tile`, of which
-    so many pixels are touched already; returns how many there are then."""
+    """Add the first `count` of the rays that `PartRays` keep, painted if coloured, to the `Layers` of a `Tile`, of
+    which so many pixels are touched already; returns how many there are then."""
     for i in range(count):
         at = index_of(area, work.keys[i])
         found = no_layers()

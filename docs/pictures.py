@@ -179,7 +179,7 @@ def row(pictures: list[Image.Image], width: int) -> Image.Image:
 
 def real_river(size: int = 128, zoom: int = 2, count: int = 9) -> Image.Image:
     """Return a map of the Cam, and the pilot's views at even intervals from one end to the other."""
-    world = World.from_geojson(CAM)
+    world = World.from_file(CAM)
     river = world.river
     env = RiverVectorEnv(world, 1, EnvConfig(observation="none"))
     east, north = river.tangent[0]

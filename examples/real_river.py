@@ -23,7 +23,7 @@ parser.add_argument("--length-m", type=float, default=None)
 parser.add_argument("--out", type=Path, default=Path("real_river"))
 options = parser.parse_args()
 
-world = World.from_geojson(options.file, start_m=options.start_m, length_m=options.length_m)
+world = World.from_file(options.file, start_m=options.start_m, length_m=options.length_m)
 river = world.river
 draw(world, options.out.with_suffix(".map.png"))
 print(f"{world.name}: {river.length_m:.0f} m, {river.width_m.min():.0f} to {river.width_m.max():.0f} m wide")

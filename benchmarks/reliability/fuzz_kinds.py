@@ -54,7 +54,6 @@ from thalweg.viewer.flight.options import FlightOptions  # noqa: E402
 from thalweg.viewer.flight.recording import KEPT, Recording, read_recording, write_recording  # noqa: E402
 from thalweg.world import World, WorldError  # noqa: E402
 from thalweg.world.real.file_river import plan_file  # noqa: E402
-from thalweg.world.real.geojson_river import read_centerline  # noqa: E402
 from thalweg.world.real.selection import Selection  # noqa: E402
 
 SAVED = REPOSITORY / "tests" / "saved_files" / "written_by_0_1_0"
@@ -93,12 +92,6 @@ def _geojson(folder: Path) -> list[bytes]:
     return [json.dumps(tree).encode() for tree in trees]
 
 
-def _lines(folder: Path) -> list[bytes]:
-    """Return the files that have one line and nothing else."""
-    trees = map(json.loads, _geojson(folder))
-    return [json.dumps(tree).encode() for tree in trees if tree["type"] == "Feature"]
-
-
 def _overpass(folder: Path) -> list[bytes]:
     geometry = [{"lat": place[1], "lon": place[0]} for place in LINE]
     ring = [{"lat": place[1], "lon": place[0]} for place in BANKS[0]]
@@ -130,10 +123,6 @@ def _read_river(path: Path) -> Any:
     """Return the plan of a river's file; a width is given, as most files have none."""
     plan = plan_file(path, Selection(width_m=12.0))
     return plan.name, plan.notes, plan.river, plan.solids.islands, plan.solids.bridges
-
-
-def _read_line(path: Path) -> Any:
-    return read_centerline(path, width_m=12.0)
 
 
 def _suites(folder: Path) -> list[bytes]:
@@ -237,7 +226,6 @@ TRAINED = RunRow("PPO-0", "train", "PPO", 0, 400, "finished", "", 1.0, 400.0)
 RIVER = (WorldError,)
 KINDS: dict[str, Kind] = {
     "geojson": Kind("river.geojson", _geojson, mutated_json, _read_river, RIVER),
-    "geojson line": Kind("river.geojson", _lines, mutated_json, _read_line, RIVER),
     "overpass": Kind("river.json", _overpass, mutated_json, _read_river, RIVER),
     "gpx": Kind("river.gpx", _gpx, mutated_xml, _read_river, RIVER),
     "kml": Kind("river.kml", _kml, mutated_xml, _read_river, RIVER),

@@ -533,7 +533,7 @@ def test_frames_are_drawn_of_a_real_river(tmp_path: Path, brook: Path, capsys: p
     options = ["--geojson", str(brook), "--width-m", "6", "--seed", "3"]
     assert main(["render", *options, "--count", "2", "--size", "32", "--out", str(out)]) == 0
     assert f"{out}: 2 frames of brook, seed 3" in capsys.readouterr().out
-    world = World.from_geojson(brook, width_m=6.0, seed=3)
+    world = World.from_file(brook, width_m=6.0, seed=3)
     frames = Renderer([world], Camera(32, 32)).render(sample_starts(world, 2, 0))
     np.testing.assert_array_equal(np.asarray(Image.open(out))[:32, :32], frames[0, ..., :3])
 

@@ -132,20 +132,10 @@ class World:
         ) -> "World": ...
 
         @staticmethod
-        def from_geojson(
-            path: str | Path,
-            *,
-            width_m: float | None = None,
-            start_m: float = 0.0,
-            length_m: float | None = None,
-            smooth_m: float = 0.0,
-            seed: int = 0,
-            plants: bool = True,
-            banks: Any = (),
-        ) -> "World": ...
+        def from_file(path: str | Path, *, seed: int = 0, plants: bool = True, **options: Any) -> "World": ...
 
         @staticmethod
-        def from_file(path: str | Path, *, seed: int = 0, plants: bool = True, **options: Any) -> "World": ...
+        def from_geojson(path: str | Path, *, seed: int = 0, plants: bool = True, **options: Any) -> "World": ...
 
         @staticmethod
         def load(path: str | Path) -> "World": ...

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 KINDS = (
-    *("geojson", "geojson line", "overpass", "gpx", "kml", "world", "suite", "run config", "run status"),
+    *("geojson", "overpass", "gpx", "kml", "world", "suite", "run config", "run status"),
     *("checkpoint arrays", "checkpoint state", "policy", "encoder", "flight", "suite record", "versions", "runs"),
     *("episodes", "training", "curve"),
     *("run settings", "metrics", "episode log", "encoder checkpoint", "geometry checkpoint", "finder of water"),

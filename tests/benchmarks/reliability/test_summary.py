@@ -23,10 +23,10 @@ def test_the_page_is_what_the_tables_have(summary: ModuleType):
 def test_files_are_counted_by_ending_and_the_least_number_of_a_kind_is_told(summary: ModuleType):
     rows = [
         {"kind": kind, "piece": piece, "files": "1000", "read": "600", "refused": "399", "failed": "1"}
-        for kind, piece in (("geojson", "0"), ("geojson", "1"), ("geojson line", "0"))
+        for kind, piece in (*((kind, "0") for kind in ("world", "flight", "cached maps")), ("world", "1"))
     ]
     found = cells(summary.fuzzed(rows))
-    assert [".geojson", "2", "1,000", "1,800", "1,197", "3"] in found
+    assert [".npz", "3", "1,000", "2,400", "1,596", "4"] in found
     assert [row for row in found if row[0] == ".gpx"] == [[".gpx", "1", "0", "0", "0", "0"]]
 
 

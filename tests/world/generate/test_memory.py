@@ -67,7 +67,7 @@ def test_a_river_from_a_file_is_refused_with_its_name(monkeypatch, tmp_path: Pat
     line = [[0.1 + k * 1e-4, 52.0] for k in range(100)]
     path.write_text(json.dumps({"type": "LineString", "coordinates": line}))
     with pytest.raises(WorldFileError, match=r"long\.geojson: the map covers \d+ x 110 m .* 0\.05 GB are free"):
-        World.from_geojson(path, width_m=8.0, plants=False)
+        World.from_file(path, width_m=8.0, plants=False)
 
 
 def test_available_memory_is_read_from_meminfo(tmp_path: Path):

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from thalweg.world.real.file_river import read_centerline
 from thalweg.world.real.geodesy import local_metres
-from thalweg.world.real.geojson_river import Centerline, read_centerline
+from thalweg.world.real.reach_line import Centerline
 
 EAST = [[7.0, 45.0], [7.005, 45.0], [7.01, 45.0], [7.015, 45.0], [7.02, 45.0]]
 """1576.937 m along the parallel of 45 degrees, 394.234 m a piece: a hundredth of a degree is 788.468 m there."""

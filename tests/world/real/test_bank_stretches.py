@@ -7,10 +7,9 @@ import pytest
 
 from tests.world.lines import circle
 from tests.world.real.drawn_files import from_metres, line, write
-from thalweg.world import World, WorldError, WorldFileError
+from thalweg.world import WorldError, WorldFileError
 from thalweg.world.banks import text_of
 from thalweg.world.real.file_river import plan_file
-from thalweg.world.real.geojson_river import from_geojson
 from thalweg.world.real.reach import Reach
 from thalweg.world.real.selection import Selection
 
@@ -100,9 +99,8 @@ def test_the_note_says_which_banks_there_are(tmp_path):
 )
 def test_a_bad_property_names_the_file_the_way_and_the_value(tmp_path, value, message):
     path = write(tmp_path, line(straight(0, 200), width=8, banks=value))
-    for read in (lambda: plan_file(path, Selection()), lambda: from_geojson(path, plants=False)):
-        with pytest.raises(WorldFileError, match=message):
-            read()
+    with pytest.raises(WorldFileError, match=message):
+        plan_file(path, Selection())
 
 
 def test_a_bad_option_is_refused():
@@ -114,14 +112,6 @@ def test_a_reach_of_the_option_that_is_not_on_the_course_names_it(tmp_path):
     path = write(tmp_path, line(straight(0, 200), width=8))
     with pytest.raises(WorldFileError, match=r"quay_0-300 is not on the course, which is 200"):
         plan_file(path, Selection(banks="quay_0-300"))
-
-
-def test_both_readers_build_the_same_world(tmp_path):
-    path = write(tmp_path, line(straight(0, 120), width=8, banks="meadow+quay_20-60_left"))
-    one, two = World.from_geojson(path, plants=False), World.from_file(path, plants=False)
-    assert one.banks == two.banks != ()
-    np.testing.assert_array_equal(one.ground_m, two.ground_m)
-    np.testing.assert_array_equal(one.albedo, two.albedo)
 
 
 def test_the_data_of_a_reach_has_banks_only_if_they_are_chosen(tmp_path):

@@ -9,7 +9,7 @@ from tests.world.real.drawn_files import box, line, planned, polygon, straight, 
 from tests.world.real.geojson_files import EAST, feature, written
 from thalweg.world import World, WorldError, WorldFileError
 from thalweg.world.bridges import Bridge
-from thalweg.world.real.geojson_river import read_centerline
+from thalweg.world.real.file_river import read_centerline
 
 pytest.importorskip("shapely")
 pytest.importorskip("pyproj")
@@ -17,18 +17,12 @@ pytest.importorskip("pyproj")
 RIVER = line(straight(), waterway="river", width="12 m", name="Test River")
 
 
-def test_a_file_with_one_line_gives_the_same_bytes_as_from_geojson(tmp_path):
-    path = write(tmp_path, line(straight(), name="Po", width_m=9))
-    options = {"start_m": 20.0, "length_m": 60.0, "seed": 2, "plants": False}
-    old, new = World.from_geojson(path, **options), World.from_file(path, **options)
-    assert (old.name, old.seed, old.grid) == (new.name, new.seed, new.grid)
-    for name in ("position_m", "width_m", "depth_m", "level_m"):
-        np.testing.assert_array_equal(getattr(old.river, name), getattr(new.river, name))
-    np.testing.assert_array_equal(old.ground_m, new.ground_m)
+def test_the_reader_of_files_has_a_second_name():
+    assert World.from_geojson is World.from_file
 
 
 @pytest.mark.parametrize("kind", ["ring", "elevations", "widths", "parts"])
-def test_every_line_that_from_geojson_takes_gives_the_same_course(tmp_path, kind):
+def test_the_course_of_a_file_is_that_of_its_centre_line(tmp_path, kind):
     angle = np.linspace(0, 2 * np.pi, 60)
     ring = (np.array([11.0, 48.0]) + np.column_stack([np.cos(angle), 0.7 * np.sin(angle)]) * 5e-4).tolist()
     ring[-1] = ring[0]
@@ -39,16 +33,12 @@ def test_every_line_that_from_geojson_takes_gives_the_same_course(tmp_path, kind
         "parts": feature([EAST[2:], EAST[:2], EAST[1:3]], "MultiLineString"),
     }[kind]
     path = written(tmp_path, content)
-    old = World.from_centerline(*_points(path), plants=False).river
-    new = planned(path).river
-    np.testing.assert_array_equal(new.position_m, old.position_m)
-    np.testing.assert_array_equal(new.width_m, old.width_m)
-    np.testing.assert_array_equal(new.level_m, old.level_m)
-
-
-def _points(path):
-    found = read_centerline(path)
-    return found.points, found.closed
+    centerline = read_centerline(path)
+    along_line = World.from_centerline(centerline.points, centerline.closed, plants=False).river
+    of_file = planned(path).river
+    np.testing.assert_array_equal(of_file.position_m, along_line.position_m)
+    np.testing.assert_array_equal(of_file.width_m, along_line.width_m)
+    np.testing.assert_array_equal(of_file.level_m, along_line.level_m)
 
 
 def test_two_ways_drawn_against_one_another_are_one_river(tmp_path):

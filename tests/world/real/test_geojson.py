@@ -73,54 +73,60 @@ BAD_FILES = {
     "broken": ('{"type": "Feature",', "not JSON: .*line 1 column 20"),
     "not a number": ('{"type": "LineString", "coordinates": [[NaN, 1], [2, 3]]}', "not JSON: NaN is not a number"),
     "not text": (b'{"name": "\xff"}', r"not text in UTF-8 \(byte 10\)"),
-    "empty": ("", "not JSON"),
+    "empty": ("", "the file is empty; expected GeoJSON"),
     "deep": (NESTED, "not GeoJSON: nested too deep"),
     "deeper": ("[" * 200_000, "nested too deep"),
     "list": ([1, 2], r"not GeoJSON: \[1, 2\] stands where an object with a `type` is expected"),
     "other json": ({"hello": 1}, r"not GeoJSON: .*hello.* object with a `type`"),
     "topology": ({"type": "Topology"}, 'type "Topology" is unknown; expected FeatureCollection'),
     "no features": ({"type": "FeatureCollection"}, "the FeatureCollection has no list of features"),
-    "no line": (
-        {"type": "FeatureCollection", "features": [feature([[[7, 45], [8, 45], [8, 46], [7, 45]]], "Polygon")] * 2},
-        "no line in it, but 2 Polygon; expected one LineString or MultiLineString",
+    "nothing": ({"type": "FeatureCollection", "features": []}, "no water way in it, but nothing; expected a line of"),
+    "point": (feature([7, 45], "Point"), "no water way in it, but 1 Point"),
+    "one position": (feature([[7, 45]]), "the LineString is a line of 1 positions; at least 2 are needed"),
+    "no coordinates": ({"type": "LineString"}, "coordinates of the LineString are null; expected a list of positions"),
+    "words": (
+        feature([[7, 45], ["7", "45"], [7, 46]]),
+        r'position 1 of the LineString is \["7", "45"\]; expected longitude, latitude',
     ),
-    "nothing": ({"type": "FeatureCollection", "features": []}, "no line in it, but nothing"),
-    "point": (feature([7, 45], "Point"), "no line in it, but 1 Point"),
-    "two lines": ({"type": "FeatureCollection", "features": [feature(EAST)] * 2}, "2 lines in it; expected one"),
-    "one position": (feature([[7, 45]]), r"coordinates are \[\[7, 45\]\]; expected at least two positions"),
-    "no coordinates": ({"type": "LineString"}, "coordinates are null; expected at least two"),
-    "words": (feature([[7, 45], ["7", "45"], [7, 46]]), r'position 1 is \["7", "45"\]; expected longitude, latitude'),
-    "true": (feature([[7, True], [7, 46]]), r"position 0 is \[7, true\]"),
-    "infinite": ('{"type": "LineString", "coordinates": [[7, 45], [7, 1e999]]}', r"position 1 is \[7, Infinity\]"),
+    "true": (feature([[7, True], [7, 46]]), r"position 0 of the LineString is \[7, true\]"),
+    "infinite": (
+        '{"type": "LineString", "coordinates": [[7, 45], [7, 1e999]]}',
+        r"position 1 of the LineString is \[7, Infinity\]",
+    ),
     "projected": (
         feature([[691000.5, 5334000], [691100, 5334000]]),
-        r"position 0 is \[691000.5, 5334000\], which is no longitude .* in degrees: convert projected coordinates",
+        r"position 0 of .* is \[691000.5, 5334000\], which is no longitude .*; for projected coordinates, name",
     ),
-    "latitude first": (feature([[45, 100.5], [45, 100.6]]), r"position 0 is \[45, 100.5\].*longitude first"),
-    "turned too far": (feature([[7, 45], [187.5, 45]]), r"position 1 is \[187.5, 45\], which is no longitude"),
+    "latitude first": (
+        feature([[45, 100.5], [45, 100.6]]),
+        r"position 0 of .* is \[45, 100.5\].*longitude comes first",
+    ),
+    "turned too far": (feature([[7, 45], [187.5, 45]]), r"position 1 of .* is \[187.5, 45\], which is no longitude"),
     "crs": (
         feature(EAST) | {"crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::25832"}}},
-        'its crs is "urn:ogc:def:crs:EPSG::25832"; expected longitude and latitude on WGS84',
+        r"is \[7, 45\], which looks like degrees and not like metres in urn:ogc:def:crs:EPSG::25832",
     ),
     "linked crs": (feature(EAST) | {"crs": {"type": "link", "properties": {"href": "x"}}}, "its crs is .*href"),
     "gap": (
         feature([EAST[:2], EAST[3:]], "MultiLineString"),
-        r"part 1 of the MultiLineString begins at \[7.015, 45.0\] and does not join .* end at \[7.005, 45.0\]",
+        r"longest ends at longitude 7\.015.* \(part 1 of the MultiLineString\), 788\.5 m from the nearest end of",
     ),
-    "fork": (feature([EAST, [EAST[0], [7, 46]]], "MultiLineString"), "parts 0 and 1 .* both begin at .*: a fork"),
     "no parts": (feature([], "MultiLineString"), r"has no parts: its coordinates are \[\]"),
-    "no width": (feature(EAST, width_m=None), "no width: give the property width_m.*or pass width_m"),
-    "wide word": (feature(EAST, width_m="40 ft"), 'width_m is "40 ft"; expected a number of metres above 0'),
-    "negative": (feature(EAST, width_m=-3), "width_m is -3; expected a number of metres above 0"),
-    "true width": (feature(EAST, width_m=True), "width_m is true; expected"),
-    "nan width": (feature(EAST, width_m="nan"), 'width_m is "nan"; expected'),
-    "a bad one": (feature(EAST, width_m=[9, 9, 0, 9, 9]), r"width_m\[2\] is 0; expected a number of metres above 0"),
+    "no width": (feature(EAST, width_m=None), "no width: give the line the property width_m.*or pass width_m"),
+    "wide word": (feature(EAST, width_m="wide"), 'width_m of the LineString is "wide"; expected a number of metres'),
+    "negative": (feature(EAST, width_m=-3), "width_m of the LineString is -3; expected a number of metres above 0"),
+    "true width": (feature(EAST, width_m=True), "width_m of the LineString is true; expected"),
+    "nan width": (feature(EAST, width_m="nan"), 'width_m of the LineString is "nan"; expected'),
+    "a bad one": (feature(EAST, width_m=[9, 9, 0, 9, 9]), r"width_m\[2\] of the LineString is 0; expected a number"),
     "too few": (feature(EAST, width_m=[9, 9]), "width_m has 2 numbers for 5 positions; expected one for each"),
     "list in parts": (
         feature([EAST], "MultiLineString", width_m=[9] * 5),
-        "width_m is a list, which needs a LineString",
+        "a list of widths needs a LineString; a MultiLineString has one width",
     ),
-    "some elevations": (feature([[*EAST[0], 5.0], *EAST[1:]]), "position 1 has no elevation, but others have"),
+    "some elevations": (
+        feature([[*EAST[0], 5.0], *EAST[1:]]),
+        "position 1 of the line has no elevation, but others have",
+    ),
     "missing value": (
         feature([[*p, -9999] for p in EAST]),
         r"elevation of position 0 is -9999 m; limit -500 to 7000 m",
@@ -132,14 +138,14 @@ BAD_FILES = {
 def test_an_invalid_file_is_refused_with_its_path_and_the_reason(tmp_path, content, message):
     path = written(tmp_path, content)
     with pytest.raises(WorldFileError, match=message) as raised:
-        World.from_geojson(path, plants=False)
+        World.from_file(path, plants=False)
     assert str(raised.value).startswith(f"{path}: ")
 
 
 def test_a_missing_file_and_a_folder_are_refused_by_path(tmp_path):
     for path in (tmp_path / "none.geojson", tmp_path):
         with pytest.raises(WorldFileError, match=f"{path}: there is no such file"):
-            World.from_geojson(path)
+            World.from_file(path)
 
 
 def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path):
@@ -148,8 +154,8 @@ def test_a_file_that_is_too_large_is_refused_before_it_is_read(tmp_path):
         file.truncate(300_000_000)
     tracemalloc.start()
     try:
-        with pytest.raises(WorldFileError, match="300 MB; limit 64 MB: keep only the river's line"):
-            World.from_geojson(path)
+        with pytest.raises(WorldFileError, match="300 MB; limit 64 MB: keep only the river"):
+            World.from_file(path)
         assert tracemalloc.get_traced_memory()[1] < 1e6
     finally:
         tracemalloc.stop()

@@ -22,7 +22,7 @@ def brook(tmp_path: Path) -> Reach:
 @pytest.mark.slow
 def test_a_reach_is_built_as_its_file_is_read(brook: Reach):
     built = brook.build(3)
-    given = World.from_geojson(brook.path, width_m=6.0, start_m=10.0, length_m=60.0, smooth_m=4.0, seed=3)
+    given = World.from_file(brook.path, width_m=6.0, start_m=10.0, length_m=60.0, smooth_m=4.0, seed=3)
     assert (brook.name, built.name, built.seed) == ("brook.geojson", "brook", 3)
     for name in ("ground_m", "albedo", "sun"):
         np.testing.assert_array_equal(getattr(built, name), getattr(given, name))

@@ -1,9 +1,6 @@
-"""Worlds of real rivers from files of several formats: ways are joined, banks become a centre line with widths.
+"""Worlds of real rivers from files of several formats: ways are joined, banks become a centre line with widths."""
 
-A file with one line in longitude and latitude gives the same world as `thalweg.world.real.geojson_river`, whose steps
-from the line on are used here too.
-"""
-
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,8 +17,7 @@ from thalweg.world.real.course.drawing import Drawing, name_of, sort_features
 from thalweg.world.real.course.solids import Solids, place_solids
 from thalweg.world.real.course.ways import Stem, Way, join_ways
 from thalweg.world.real.geodesy import chord_lengths
-from thalweg.world.real.geojson import Track, read_name
-from thalweg.world.real.geojson_river import ElevationError, cut_reach, errors_naming, project
+from thalweg.world.real.reach_line import Centerline, ElevationError, Track, cut_reach, errors_naming, project
 from thalweg.world.real.selection import Selection
 from thalweg.world.real.sources.features import Feature
 from thalweg.world.real.sources.reading import read_features
@@ -30,6 +26,8 @@ from thalweg.world.record import River, World
 
 COVERED = 0.8
 """Least share of the ways that must lie in the polygons of banks, for the banks to give the course."""
+MAX_NAME_LENGTH = 40
+"""Maximum number of characters of a world's name."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +65,41 @@ def from_file(path: str | Path, *, seed: int = 0, plants: bool = True, **options
 
 def plan_file(path: str | Path, selection: Selection) -> RiverPlan:
     """Return the validated river of a file with its islands and bridges; raises as `from_file`."""
+    reach = _read_reach(path, selection)
+    origin_deg = reach.line.origin_deg
+    with errors_naming(path, selection.smooth_m):
+        river = read_river(_at_least_four(reach.line.points), reach.line.closed, plant_density=1.0)
+        solids = place_solids(reach.islands, reach.bridges, origin_deg, river)
+        try:
+            checks.check_safe_poses(river, solids.islands, solids.bridges)
+        except WorldError as reason:
+            raise WorldError(f"{reason}; open_water leaves bridges and islands out") from None
+        banks = read_banks([placed(reach.stretches, origin_deg, river), selection.banks or None])
+        check_banks(banks, river.length_m, river.closed)
+    notes = (*reach.notes, *_of_solids(solids), *_of_banks(banks))
+    return RiverPlan(reach.line.name, river, solids, banks, notes)
+
+
+def read_centerline(path: str | Path, **options: Any) -> Centerline:
+    """Return the line of a file's river in local metres; arguments and errors are those of `from_file`."""
+    return _read_reach(path, Selection(**options)).line
+
+
+@dataclass(frozen=True)
+class _Reach:
+    """What a file says of the reach that is taken from it."""
+
+    line: Centerline
+    islands: list[np.ndarray]
+    """Outlines [K, 2] in degrees; none with `open_water`."""
+    bridges: Sequence[Feature]
+    stretches: list[Stretch]
+    """What the file says of the kinds of banks."""
+    notes: list[str]
+
+
+def _read_reach(path: str | Path, selection: Selection) -> _Reach:
+    """Return the reach of a file; raises as `from_file`."""
     selection.check_options()
     try:
         drawing = sort_features(read_features(Path(path), selection.crs), selection.river_name)
@@ -81,17 +114,9 @@ def plan_file(path: str | Path, selection: Selection) -> RiverPlan:
         raise WorldFileError(f"{path}: {reason}") from None
     except RecursionError:
         raise WorldFileError(f"{path}: not GeoJSON: nested too deep") from None
-    with errors_naming(path, selection.smooth_m):
-        river = read_river(_at_least_four(line.points), line.closed, plant_density=1.0)
-        lines = () if selection.open_water else drawing.bridges
-        solids = place_solids([] if selection.open_water else outlines, lines, line.origin_deg, river)
-        try:
-            checks.check_safe_poses(river, solids.islands, solids.bridges)
-        except WorldError as reason:
-            raise WorldError(f"{reason}; open_water leaves bridges and islands out") from None
-        banks = read_banks([placed(stretches, line.origin_deg, river), selection.banks or None])
-        check_banks(banks, river.length_m, river.closed)
-    return RiverPlan(track.name, river, solids, banks, (*notes, *_of_solids(solids), *_of_banks(banks)))
+    if selection.open_water:
+        return _Reach(line, [], (), stretches, notes)
+    return _Reach(line, outlines, drawing.bridges, stretches, notes)
 
 
 def _at_least_four(points: np.ndarray) -> np.ndarray:
@@ -127,7 +152,7 @@ def _course(drawing: Drawing, selection: Selection, stem_name: str) -> tuple[Tra
     if selection.reverse:
         places, width = places[::-1], width[::-1]
     elevation = None if selection.flat_water else _elevations(places)
-    name = read_name({"name": drawing.name}, stem_name)
+    name = (drawing.name or stem_name)[:MAX_NAME_LENGTH]
     return Track(name, np.ascontiguousarray(places[:, :2]), np.ascontiguousarray(width), elevation), outlines, notes
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from thalweg.world.banks import parse_banks
 from thalweg.world.errors import WorldError
-from thalweg.world.real.geojson_river import check_options
+from thalweg.world.real.reach_line import check_options
 
 
 @dataclass(frozen=True, kw_only=True)

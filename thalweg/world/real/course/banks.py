@@ -14,7 +14,7 @@ from thalweg.world import geometry
 from thalweg.world.errors import WorldError
 from thalweg.world.real.course.medial_axis import medial_axis
 from thalweg.world.real.geodesy import degrees_of, local_metres
-from thalweg.world.real.geojson_river import smooth_line
+from thalweg.world.real.reach_line import smooth_line
 from thalweg.world.real.sources.extra import need
 from thalweg.world.real.sources.features import Feature
 from thalweg.world.validation import CLEARANCE_M

@@ -4,14 +4,18 @@ Longitude and latitude are taken as they are; other systems, such as UTM or Web 
 without grids from the network.
 """
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from thalweg.world.errors import WorldError
-from thalweg.world.real.geojson import WGS84, is_number, shortened
 from thalweg.world.real.sources.extra import need
+from thalweg.world.real.sources.json_values import is_number, shortened
+
+WGS84 = re.compile(r"(urn:ogc:def:crs:)?(OGC:[\d.]*:?CRS84h?|EPSG:[\d.]*:?4326)", re.IGNORECASE)
+"""Names of longitude and latitude on WGS84."""
 
 
 def positions(values: Any, where: str) -> np.ndarray:

@@ -8,10 +8,11 @@ from typing import Any, Literal
 import numpy as np
 
 from thalweg.world.errors import WorldError
-from thalweg.world.real.geojson import ELEVATION_M
 
 MAX_POSITIONS = 500_000
 """Maximum number of positions in a file."""
+ELEVATION_M = (-500.0, 7000.0)
+"""Range of elevations of rivers; the usual codes for a missing value lie outside."""
 
 
 @dataclass(frozen=True)

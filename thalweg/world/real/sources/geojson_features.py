@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from thalweg.world.errors import WorldError
-from thalweg.world.real.geojson import shortened
 from thalweg.world.real.sources.coordinates import Coordinates, positions
 from thalweg.world.real.sources.features import FeatureList
+from thalweg.world.real.sources.json_values import shortened
 
 HSTORE = re.compile(r'"((?:[^"\\]|\\.)*)"\s*=>\s*"((?:[^"\\]|\\.)*)"')
 """A pair in the property `other_tags`, in which ogr2ogr puts tags that have no column of their own."""

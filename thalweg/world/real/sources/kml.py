@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from thalweg.world.errors import WorldError
-from thalweg.world.real.geojson import shortened
 from thalweg.world.real.sources.coordinates import Coordinates
 from thalweg.world.real.sources.features import FeatureList
+from thalweg.world.real.sources.json_values import shortened
 from thalweg.world.real.sources.xml_file import local_name
 
 

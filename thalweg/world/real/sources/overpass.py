@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from thalweg.world.errors import WorldError
-from thalweg.world.real.geojson import shortened
 from thalweg.world.real.sources.coordinates import Coordinates, positions
 from thalweg.world.real.sources.features import FeatureList
+from thalweg.world.real.sources.json_values import shortened
 
 AREAS = ("natural", "place", "water", "landuse", "leisure", "building")
 """Keys of closed ways that are areas; a closed way with another key is a line."""

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.world.errors import WorldError
-from thalweg.world.real.geojson import MAX_FILE_BYTES
 from thalweg.world.real.sources.features import FeatureList
 from thalweg.world.real.sources.geojson_features import geojson_features
 from thalweg.world.real.sources.gpx import gpx_features
@@ -13,6 +12,8 @@ from thalweg.world.real.sources.kml import kml_features
 from thalweg.world.real.sources.overpass import is_overpass, overpass_features
 from thalweg.world.real.sources.xml_file import local_name, parse_xml
 
+MAX_FILE_BYTES = 64_000_000
+"""Maximum size of a file."""
 BINARY = (
     (b"PK\x03\x04", "a zip archive, such as KMZ or a zipped shapefile: unpack it first"),
     (b"SQLite format 3", "a database, such as a GeoPackage: convert it with ogr2ogr -f GeoJSON river.geojson {name}"),

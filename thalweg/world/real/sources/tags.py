@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from thalweg.world.errors import WorldError
-from thalweg.world.real.geojson import is_number, shortened
+from thalweg.world.real.sources.json_values import is_number, shortened
 
 Role = Literal["way", "banks", "island", "bridge", "other"]
 FLOWING = ("river", "stream", "canal", "tidal_channel", "drain", "ditch", "link", "fairway", "wadi")

@@ -1,30 +1,25 @@
-"""Worlds of real rivers: a line from a GeoJSON file is cut to a reach, projected to metres and made fit to be flown.
+"""The line of a real river's reach: cut from a track on the Earth, projected to metres and made fit to be flown.
 
-The course runs in the order of the file's positions, which is downstream in most data. With elevations, the water falls
-monotonically from the higher end to the lower one; a line drawn upstream is flown upstream. Small rises, which
+The course runs in the order of the track's positions, which is downstream in most data. With elevations, the water
+falls monotonically from the higher end to the lower one; a line drawn upstream is flown upstream. Small rises, which
 elevation models have along every river, are removed by isotonic regression: the nearest monotone profile in least
 squares. Without elevations the water is level.
 """
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy
 
 from thalweg.world import geometry
 from thalweg.world import validation as checks
-from thalweg.world.banks import parse_banks, read_banks
 from thalweg.world.errors import ShapeError, WorldError, WorldFileError
 from thalweg.world.generate.terrain import check_area
 from thalweg.world.real import geodesy
-from thalweg.world.real.bank_stretches import Stretch, placed
-from thalweg.world.real.centerline import SPACING_M, read_river, world_around
-from thalweg.world.real.geojson import Track, read_track
-from thalweg.world.record import World
+from thalweg.world.real.centerline import SPACING_M
 
 MAX_LENGTH_M = checks.MAX_SAMPLES * SPACING_M
 """Maximum length of a reach."""
@@ -36,6 +31,19 @@ MAX_SMOOTH_M = 200.0
 
 class ElevationError(WorldError):
     """Elevations that cannot be those of the water."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """A line on the Earth, in the order of its positions."""
+
+    name: str
+    degrees: np.ndarray
+    """[K, 2] float64, longitude and latitude on WGS84."""
+    width_m: np.ndarray
+    """[K] float64."""
+    elevation_m: np.ndarray | None
+    """[K] float64, or None where there are none."""
 
 
 @dataclass(frozen=True)
@@ -51,46 +59,6 @@ class Centerline:
     """Longitude and latitude of x = y = 0, the middle of the reach's bounding box."""
     datum_m: float
     """Elevation of z = 0: the lowest water of the reach, 0 where the file gives none."""
-    stretches: tuple[Stretch, ...] = ()
-    """What the file says of the kinds of banks."""
-
-
-def from_geojson(
-    path: str | Path,
-    *,
-    width_m: float | None = None,
-    start_m: float = 0.0,
-    length_m: float | None = None,
-    smooth_m: float = 0.0,
-    seed: int = 0,
-    plants: bool = True,
-    banks: Any = (),
-) -> World:
-    """Return the world around a real river's centre line: the only line of a GeoJSON file, in longitude and latitude.
-
-    Args:
-        path: The file. The property `width_m` or `width` of its line is the width in metres: a number, or a list with
-            one for each position. A third coordinate is the elevation of the water.
-        width_m: Width where the file gives none.
-        start_m: Distance along the file's line at which the reach begins.
-        length_m: Length of the reach; None for the rest of the line.
-        smooth_m: Standard deviation of a Gaussian along the line that rounds corners too tight to be flown.
-        seed: Seed of the land and the plants.
-        plants: False leaves out plants and baked light, which is faster; for tests.
-        banks: Kinds of the banks, as `thalweg.world.banks.read_banks` takes them, over those in the line's property
-            `banks`.
-
-    The course runs in the order of the positions; x and y are metres from the middle of the reach, z from its lowest
-    water. Raises `WorldFileError` for a file without exactly one such line or with one from which no safe river can be
-    made, and `WorldError` for an argument out of its range.
-    """
-    line = read_centerline(path, width_m=width_m, start_m=start_m, length_m=length_m, smooth_m=smooth_m)
-    given = parse_banks(banks)
-    with errors_naming(path, smooth_m):
-        river = read_river(line.points, line.closed, float(plants))
-        reaches = read_banks([placed(line.stretches, line.origin_deg, river), given])
-        world = world_around(river, np.zeros((0, 5)), np.zeros((0, 11)), seed, plants=plants, banks=reaches)
-    return replace(world, name=line.name)
 
 
 @contextmanager
@@ -103,28 +71,6 @@ def errors_naming(path: str | Path, smooth_m: float) -> Iterator[None]:
         raise WorldFileError(f"{path}: {reason}; {hint}") from None
     except WorldError as reason:
         raise WorldFileError(f"{path}: {reason}") from None
-
-
-def read_centerline(
-    path: str | Path,
-    *,
-    width_m: float | None = None,
-    start_m: float = 0.0,
-    length_m: float | None = None,
-    smooth_m: float = 0.0,
-) -> Centerline:
-    """Return the line in a GeoJSON file in local metres; arguments and errors are those of `World.from_geojson`."""
-    check_options(width_m, start_m, length_m, smooth_m)
-    try:
-        track = read_track(Path(path), width_m)
-        is_complete = start_m == 0.0 and length_m is None
-        closed = is_complete and bool(np.array_equal(track.degrees[0], track.degrees[-1]))
-        reach = cut_reach(track, start_m, length_m)
-        return replace(project(reach, closed, smooth_m), stretches=track.stretches)
-    except WorldError as reason:
-        raise WorldFileError(f"{path}: {reason}") from None
-    except RecursionError:
-        raise WorldFileError(f"{path}: not GeoJSON: nested too deep") from None
 
 
 def check_options(width_m: float | None, start_m: float, length_m: float | None, smooth_m: float) -> None:

@@ -168,7 +168,7 @@ def shade_stirred_at_pixel(scene, view, props, n, stirred, r, c, depth, out):
         while bits != uint32(0):
             k = word * WORD + cuda.ffs(bits) - 1
             bits = uint32(bits & uint32(bits - uint32(1)))
-            add_waves(scene, view, rows[n, numbers[n, k, 0]], zones[n, k, 4:], r, place, points, pixel, surface, 1)
+            add_waves(scene, view, rows[n, numbers[n, k, 0]], zones[n, k, 4:], r, place, points, pixel, surface, 0, 1)
     mirror.mirror_canopy(scene, view, points, pixel, surface, mirrored, out, 1)
     for back in range(WORDS):
         word = WORDS - 1 - back

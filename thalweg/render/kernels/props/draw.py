@@ -9,7 +9,7 @@ bridges, and before plants, which hide them.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import int32
+from numba import int32, uint32
 
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import column_of, place_of, row_of, row_step
@@ -62,7 +62,9 @@ class Tile(NamedTuple):
     sharp: Any
     """`layers.sharpness` of that."""
     layers: Any
-    """`Layers` of arrays."""
+    """`Layers` of arrays, which hold something only for pixels of which `cover` is not 0."""
+    touched: Any
+    """[CHUNK] int32, numbers of those pixels, as the parts meet them."""
 
 
 class TileArea(NamedTuple):
@@ -80,7 +82,7 @@ def empty_tile(some):
     size = CHUNK + LANES if some else 0
     a = np.empty((12, size), np.float32)
     layers = Layers(a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11])
-    return Tile(np.empty(size, np.int32), a[0], a[1], layers)
+    return Tile(np.empty(size, np.int32), a[0], a[1], layers, np.empty(size, np.int32))
 
 
 @kernel
@@ -118,35 +120,36 @@ def meet_props(scene, view, props, posed, top, drawn, depth, kind, tile, work, m
             for upper in range(r0, r1, high):
                 area = TileArea(int32(upper), int32(min(upper + high, r1)), int32(left), int32(min(left + wide, c1)))
                 fill_tile(view.camera, top, area, drawn, depth, kind, tile)
+                touched = int32(0)
                 for j in range(len(parts)):
-                    draw_part(scene, view, parts[j], top, area, drawn, tile, work)
-                n = mark_tile(area, own, drawn, tile, depth, kind, marks, n)
+                    touched = draw_part(scene, view, parts[j], top, area, drawn, tile, work, touched)
+                n = mark_tile(own, drawn, tile, touched, depth, kind, marks, n)
     return n
 
 
 @kernel(inlined=True, allocates=False)
 def fill_tile(camera, top, area, drawn, depth, kind, tile):
     """Fill the `Tile` of a `TileArea` from depth and kind [R, W'], without any part of a prop."""
-    n = 0
+    # Here and below, numbers of pixels have no sign: an index that might be negative takes longer.
+    n = uint32(0)
     for r in range(area.r0, area.r1):
         for c in range(area.c0, area.c1):
-            on_water = kind[r, c] == np.uint8(WATER)
+            on_water = kind[uint32(r), uint32(c)] == np.uint8(WATER)
             tile.places[n] = place_of(int32(r), int32(c))
             # Where there is no water, a mask stays as it is: nothing is before what lies behind the camera.
-            tile.behind[n] = depth[r, c] if on_water or drawn != MASK else f32(-1)
+            tile.behind[n] = depth[uint32(r), uint32(c)] if on_water or drawn != MASK else f32(-1)
             tile.sharp[n] = f32(1) if on_water else f32(0)
-            n += 1
-    clear_tile(camera, top, tile.places, tile.behind, tile.sharp, tile.layers, fill_up(tile.places, n))
+            n = uint32(n + uint32(1))
+    clear_tile(camera, top, tile.places, tile.behind, tile.sharp, tile.layers.cover, fill_up(tile.places, int32(n)))
 
 
 @kernel(inlined=True, disjoint=True, allocates=False)
-def clear_tile(camera, top, places, behind, sharp, layers, n):
-    """Turn the marks of water in `sharp` into what a `Tile` has there, and set its n `Layers` to nothing."""
-    nothing = no_layers()
+def clear_tile(camera, top, places, behind, sharp, cover, n):
+    """Turn the marks of water in `sharp` into what a `Tile` has there, and let its n `Layers` cover nothing."""
     for i in range(n):
         sight = sight_at(camera, top, places[i])
         sharp[i] = sharpness(camera, sight.z, behind[i], sharp[i] > f32(0))
-        put_layers(layers, i, nothing)
+        cover[i] = f32(0)
 
 
 @kernel(inlined=True, allocates=False)
@@ -170,25 +173,27 @@ def layers_of(layers, i):
 @kernel(inlined=True, allocates=False)
 def index_of(area, place):
     """Return which pixel of a tile the one at a place is."""
-    return (row_of(place) - area.r0) * (area.c1 - area.c0) + column_of(place) - area.c0
+    return uint32((row_of(place) - area.r0) * (area.c1 - area.c0) + column_of(place) - area.c0)
 
 
 @kernel(inlined=True, allocates=False)
-def draw_part(scene, view, part, top, area, drawn, tile, work):
-    """Add a posed part [PART_COLUMNS] to the `Layers` of a `Tile`; work: `PartRays`."""
+def draw_part(scene, view, part, top, area, drawn, tile, work, touched):
+    """Add a posed part [PART_COLUMNS] to the `Layers` of a `Tile`, of which so many pixels are touched already; returns
+    how many there are then. work: `PartRays`."""
     count = list_pixels(part, top, area, work.keys)
     # All rays meet the part; then those that see it meet it once more, side by side, to be painted. Two calls in a row
     # would inline the three solids twice, and compile for longer: a loop has them once.
     for painted in range(2 if drawn == COLOURS else 1):
         if count == 0:
-            return
+            return touched
         n = fill_up(work.keys, count)
         meet_pixels(view.camera, part, top, work.keys, work.hits, n)
         if painted:
             paint_pixels(scene, view, part, row_step(view.camera), top, work.keys, work.hits, work.out, n)
         else:
-            count = keep_seen_pixels(view.camera, part[FADE], area, tile, work, count)
-    add_hits(area, tile.layers, work, drawn == COLOURS, count)
+            cut_hits(view.camera, part[FADE], area, work.keys, tile.behind, tile.sharp, work.hits, n)
+            count = keep_seen_pixels(work, count)
+    return add_hits(area, tile, work, drawn == COLOURS, count, touched)
 
 
 @kernel(inlined=True, allocates=False)
@@ -224,20 +229,29 @@ def ray_to(camera, part, top, place):
     return solid_ray(part, camera, sight.sx, sight.sy)
 
 
+@kernel(inlined=True, disjoint=True, allocates=False)
+def cut_hits(camera, fade, area, keys, behind, sharp, hits, n):
+    """Reduce the covers of hits [n] of the rays through the pixels `keys` [n] of a tile by `FADE`, and by what the
+    `Tile` has behind the part."""
+    for i in range(n):
+        at = index_of(area, keys[i])
+        hits.cover[i] = hits.cover[i] * fade * uncut_share(camera, hits.t[i], behind[at], sharp[at])
+
+
 @kernel(inlined=True, allocates=False)
-def keep_seen_pixels(camera, fade, area, tile, work, count):
-    """Move the keys of those of `count` rays of `PartRays` that see a part to the front, with its cover, which is
-    reduced by `FADE` and by what the `Tile` has behind it, and t; returns how many there are."""
-    kept = int32(0)
+def keep_seen_pixels(work, count):
+    """Move the keys, covers and t of those of `count` rays of `PartRays` that see a part to the front; returns how many
+    there are."""
+    kept = uint32(0)
     for first in range(0, count, LANES):
         if any_at_least(work.hits.cover, first, f32(LEAST_COVER)):
-            for i in range(first, min(first + LANES, count)):
-                at, t = index_of(area, work.keys[i]), work.hits.t[i]
-                cover = work.hits.cover[i] * fade * uncut_share(camera, t, tile.behind[at], tile.sharp[at])
+            for k in range(first, min(first + LANES, count)):
+                i = uint32(k)
+                cover = work.hits.cover[i]
                 # Written in any case, and kept by counting it.
-                work.keys[kept], work.cover[kept], work.t[kept] = work.keys[i], cover, t
-                kept += int32(cover >= f32(LEAST_COVER))
-    return kept
+                work.keys[kept], work.cover[kept], work.t[kept] = work.keys[i], cover, work.hits.t[i]
+                kept = uint32(kept + uint32(cover >= f32(LEAST_COVER)))
+    return int32(kept)
 
 
 @kernel(inlined=True, disjoint=True, allocates=False)
@@ -250,36 +264,40 @@ def paint_pixels(scene, view, part, pixel, top, places, hits, out, n):
 
 
 @kernel(inlined=True, allocates=False)
-def add_hits(area, layers, work, coloured, count):
-    """Add the first `count` of the rays that `PartRays` keep, painted if coloured, to the `Layers` of a tile."""
+def add_hits(area, tile, work, coloured, count, touched):
+    """Add the first `count` of the rays that `PartRays` keep, painted if coloured, to the `Layers` of a `Tile`, of
+    which so many pixels are touched already; returns how many there are then."""
     for i in range(count):
         at = index_of(area, work.keys[i])
-        found = layers_of(layers, at)
+        found = no_layers()
+        if tile.layers.cover[at] > f32(0):
+            found = layers_of(tile.layers, at)
+        else:
+            tile.touched[uint32(touched)] = int32(at)
+            touched += int32(1)
         cover, t = work.cover[i], work.t[i]
         share = f32(0) if not coloured or is_hidden(found, t) else cover
         red, green, blue = f32(0), f32(0), f32(0)
         if share > f32(0):
             red, green, blue = share * work.out.red[i], share * work.out.green[i], share * work.out.blue[i]
-        put_layers(layers, at, layered(found, cover, t, red, green, blue))
+        put_layers(tile.layers, at, layered(found, cover, t, red, green, blue))
+    return touched
 
 
 @kernel(inlined=True, allocates=False)
-def mark_tile(area, own, drawn, tile, depth, kind, marks, n):
-    """Append the pixels of a `Tile` to the n marks, and set depth and kind [R, W']; returns how many marks there are
-    then. own: the prop's class."""
-    at = 0
-    for r in range(area.r0, area.r1):
-        for c in range(area.c0, area.c1):
-            layers = layers_of(tile.layers, at)
-            at += 1
-            cover = total_cover(layers)
-            if cover < f32(LEAST_COVER):
-                continue
-            shown = cover >= f32(HALF)
-            met = seen_depth(layers, cover)
-            if drawn == COLOURS:
-                mark(marks[n], r, c, cover, layers, depth[r, c], kind[r, c], met, own if shown else np.uint8(0))
-                n += 1
-            depth[r, c] = met if shown else depth[r, c]
-            kind[r, c] = own if shown else kind[r, c]
+def mark_tile(own, drawn, tile, touched, depth, kind, marks, n):
+    """Append the pixels of a `Tile` that are touched to the n marks, and set depth and kind [R, W']; returns how many
+    marks there are then. own: the prop's class."""
+    for k in range(touched):
+        at = uint32(tile.touched[k])
+        r, c = uint32(row_of(tile.places[at])), uint32(column_of(tile.places[at]))
+        layers = layers_of(tile.layers, at)
+        cover = total_cover(layers)
+        shown = cover >= f32(HALF)
+        met = seen_depth(layers, cover)
+        if drawn == COLOURS:
+            mark(marks[n], r, c, cover, layers, depth[r, c], kind[r, c], met, own if shown else np.uint8(0))
+            n += 1
+        depth[r, c] = met if shown else depth[r, c]
+        kind[r, c] = own if shown else kind[r, c]
     return n

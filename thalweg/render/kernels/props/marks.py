@@ -1,7 +1,7 @@
 """Kernels for marks: what pixels show of props, which is kept apart while all the rest of the frame is shaded."""
 
 import numpy as np
-from numba import int32
+from numba import int32, uint32
 
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.props.layers import total_radiance
@@ -28,6 +28,13 @@ def mark(row, r, c, cover, layers, depth, kind, at, own):
     row[CLASS] = f32(int32(own))
 
 
+@kernel(inlined=True, allocates=False)
+def marked_pixel(row):
+    """Return the row and the column of the pixel of a mark [MARK_COLUMNS]."""
+    # Without a sign, as all places of pixels here: an index that might be negative takes longer.
+    return uint32(int32(row[ROW])), uint32(int32(row[COLUMN]))
+
+
 @kernel(allocates=False)
 def hold_marks(marks, depth, kind, light):
     """Take the props' shares from the light [R, W'] that plants let through, and put back what lies behind them.
@@ -35,12 +42,12 @@ def hold_marks(marks, depth, kind, light):
     What is shaded afterwards fills the rest of a pixel. depth and kind: [R, W'].
     """
     for k in range(len(marks)):
-        r, c = int32(marks[k, ROW]), int32(marks[k, COLUMN])
+        r, c = marked_pixel(marks[k])
         marks[k, LIGHT] = light[r, c]
         light[r, c] = light[r, c] * (f32(1) - marks[k, COVER])
     # Backwards, so that the first of several marks of a pixel decides.
     for k in range(len(marks) - 1, -1, -1):
-        r, c = int32(marks[k, ROW]), int32(marks[k, COLUMN])
+        r, c = marked_pixel(marks[k])
         depth[r, c] = marks[k, DEPTH_BEHIND]
         kind[r, c] = np.uint8(int32(marks[k, KIND_BEHIND]))
 
@@ -49,7 +56,7 @@ def hold_marks(marks, depth, kind, light):
 def release_marks(marks, rows):
     """Add the radiance of marks to `Buffers` [R, W'] after shading, and undo what `hold_marks` did."""
     for k in range(len(marks)):
-        r, c = int32(marks[k, ROW]), int32(marks[k, COLUMN])
+        r, c = marked_pixel(marks[k])
         light = marks[k, LIGHT]
         rows.red[r, c] += light * marks[k, RED]
         rows.green[r, c] += light * marks[k, GREEN]
@@ -58,4 +65,5 @@ def release_marks(marks, rows):
             rows.depth[r, c] = marks[k, DEPTH]
             rows.kind[r, c] = np.uint8(int32(marks[k, CLASS]))
     for k in range(len(marks) - 1, -1, -1):
-        rows.transmittance[int32(marks[k, ROW]), int32(marks[k, COLUMN])] = marks[k, LIGHT]
+        r, c = marked_pixel(marks[k])
+        rows.transmittance[r, c] = marks[k, LIGHT]

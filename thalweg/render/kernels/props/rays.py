@@ -57,8 +57,9 @@ def hit_of(hits, i):
 
 @kernel(inlined=True, allocates=False)
 def any_at_least(values, first, least):
-    """Return whether any of `LANES` values from `first` on is at least so much."""
-    most = values[uint64(first)]
-    for k in range(1, LANES):
+    """Return whether any of `LANES` values from `first` on, none of which is negative, is at least so much."""
+    # From zero on, so that there are as many steps as lanes and the loop becomes one vector.
+    most = f32(0)
+    for k in range(LANES):
         most = max(most, values[uint64(first + k)])
     return most >= least

@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import int32, uint64
+from numba import int32, uint32, uint64
 
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.props import models
@@ -23,7 +23,7 @@ from thalweg.render.kernels.props.models import CONE, CUBE
 from thalweg.render.kernels.props.pose import FADE, SHAPE, TAPER
 from thalweg.render.kernels.props.rays import any_at_least, empty_part_rays, hit_of, put_hit
 from thalweg.render.kernels.props.solids import meet_cone, meet_cube, meet_sphere
-from thalweg.render.kernels.shading.background import CHUNK
+from thalweg.render.kernels.shading.background import CHUNK, fill_up
 from thalweg.render.records.props import KIND
 from thalweg.render.records.view import LANES
 
@@ -34,24 +34,19 @@ class MirrorScratch(NamedTuple):
     """Scratch for the mirrored rays of a chunk of water; all arrays are [CHUNK + LANES] float32."""
 
     rays: Any
-    """A `MirrorRay` of arrays: all rays."""
-    seen: Any
-    """The same for those that see a part."""
+    """A `MirrorRay` of arrays."""
     near: Any
     """Whether a ray may meet a part, 1 or 0."""
     work: Any
-    """`PartRays`, of those that see it."""
+    """`PartRays`: the hits of all rays, and the keys of those that see the part."""
 
 
 @kernel
 def empty_mirror_scratch():
     """Return a `MirrorScratch` without values."""
-    a = np.empty((17, CHUNK + LANES), np.float32)
-    return MirrorScratch(
-        MirrorRay(a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7]),
-        MirrorRay(a[8], a[9], a[10], a[11], a[12], a[13], a[14], a[15]),
-        a[16], empty_part_rays(True),
-    )  # fmt: skip
+    a = np.empty((9, CHUNK + LANES), np.float32)
+    rays = MirrorRay(a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7])
+    return MirrorScratch(rays, a[8], empty_part_rays(True))
 
 
 @kernel(inlined=True, allocates=False)
@@ -77,12 +72,12 @@ def aim_mirrored(scene, world, points, pixel, surface, rays, n):
         put_ray(rays, i, water_ray(scene, world, points, pixel, surface, i))
 
 
-@kernel(allocates=False)
-def mirror_prop(scene, view, prop, parts, box, top, places, pixel, mirrored, scratch, n):
-    """Put a prop before what the mirrored rays of a `MirrorScratch` meet, in `Mirrored` [n].
+@kernel(inlined=True, allocates=False)
+def mirror_prop(scene, view, prop, parts, box, top, places, pixel, mirrored, scratch, begin, end):
+    """Put a prop before what the mirrored rays of a `MirrorScratch` from number `begin` to `end` meet, in `Mirrored`.
 
-    parts: its posed ones; box: [4], outside which pixels at places [n] do not mirror it; pixel: height of a pixel at
-    distance one. n is a multiple of `LANES`.
+    parts: its posed ones; box: [4], outside which the pixels at `places` of those rays do not mirror it; pixel: height
+    of a pixel at distance one. begin and end are multiples of `LANES`.
     """
     work = scratch.work
     strength = mirrored_strength(view.camera, prop)
@@ -90,67 +85,50 @@ def mirror_prop(scene, view, prop, parts, box, top, places, pixel, mirrored, scr
         part = parts[k]
         if part[FADE] == f32(0):
             continue
-        find_near(view.camera, part, box, top, places, scratch.rays, scratch.near, n)
-        count = meet_near(view.camera, part, scratch, n)
+        find_near(view.camera, part, box, top, places, scratch.rays, scratch.near, begin, end - begin)
+        count = meet_near(view.camera, part, scratch, begin, end)
         if count == 0:
             continue
-        padded = fill_seen(scratch.seen, count)
-        # They meet it once more, side by side.
-        meet_mirrored(view.camera, part, scratch.seen, work.hits, 0, padded)
-        paint_mirrored(scene, view, part, pixel, scratch.seen, work.hits, work.out, padded)
+        padded = fill_up(work.keys, count)
+        paint_mirrored(scene, view, part, pixel, scratch.rays, work.keys, work.hits, work.out, padded)
         for i in range(count):
-            cover = work.cover[i] * strength
-            put_before(mirrored, work.keys[i], cover, work.out.red[i], work.out.green[i], work.out.blue[i])
+            key = uint32(work.keys[i])
+            put_before(
+                mirrored, key, work.hits.cover[key] * strength, work.out.red[i], work.out.green[i], work.out.blue[i]
+            )
 
 
 @kernel(inlined=True, disjoint=True, allocates=False)
-def find_near(camera, part, box, top, places, rays, near, n):
-    """Fill near [n] with 1 for mirrored rays within a box that do not pass by a posed part, else with 0."""
-    for i in range(n):
+def find_near(camera, part, box, top, places, rays, near, first, n):
+    """Fill n of near, from number `first` on, with 1 for mirrored rays within a box that do not pass by a posed part,
+    else with 0."""
+    for k in range(n):
+        i = uint64(first + k)
         beside = passes_by(camera, part, ray_of(rays, i))
         near[i] = f32(1) if within_box(box, top, places[i]) & (not beside) else f32(0)
 
 
 @kernel(inlined=True, allocates=False)
-def meet_near(camera, part, scratch, n):
-    """Meet a posed part with those of n rays of a `MirrorScratch` that are near it, and keep those that see it: their
-    numbers and covers, and the rays; returns how many there are."""
+def meet_near(camera, part, scratch, first, last):
+    """Meet a posed part with those of the rays of a `MirrorScratch` from number `first` to `last` that are near it, and
+    keep the numbers of those that see it; returns how many there are."""
     work = scratch.work
-    kept = int32(0)
-    first = 0
-    while first < n:
+    kept = uint32(0)
+    while first < last:
         end = first
-        while end < n and any_at_least(scratch.near, end, f32(1)):
+        while end < last and any_at_least(scratch.near, end, f32(1)):
             end += LANES
         meet_mirrored(camera, part, scratch.rays, work.hits, first, end - first)
         for block in range(first, end, LANES):
             if any_at_least(work.hits.cover, block, f32(LEAST_COVER)):
-                kept = keep_seen_rays(scratch, block, kept)
+                for i in range(block, block + LANES):
+                    seen = (work.hits.cover[uint32(i)] >= f32(LEAST_COVER)) & (scratch.near[uint32(i)] > f32(0))
+                    # Written in any case, and kept by counting it.
+                    work.keys[kept] = int32(i)
+                    kept = uint32(kept + uint32(seen))
         # Whole vectors that are all beside it are left out.
         first = end + LANES
-    return kept
-
-
-@kernel(inlined=True, allocates=False)
-def keep_seen_rays(scratch, block, kept):
-    """Keep those of `LANES` rays from number `block` on that are near a part and see it, after so many that are kept
-    already; returns how many there are then."""
-    work = scratch.work
-    for i in range(block, block + LANES):
-        if work.hits.cover[i] >= f32(LEAST_COVER) and scratch.near[i] > f32(0):
-            work.keys[kept], work.cover[kept] = int32(i), work.hits.cover[i]
-            put_ray(scratch.seen, kept, ray_of(scratch.rays, i))
-            kept += int32(1)
-    return kept
-
-
-@kernel(inlined=True, allocates=False)
-def fill_seen(rays, count):
-    """Append copies of the last ray until their number is a multiple of `LANES`; returns that number."""
-    padded = (count + (LANES - 1)) // LANES * LANES
-    for i in range(count, padded):
-        put_ray(rays, i, ray_of(rays, count - 1))
-    return padded
+    return int32(kept)
 
 
 @kernel(inlined=True, disjoint=True, allocates=False)
@@ -176,9 +154,10 @@ def meet_mirrored(camera, part, rays, hits, first, n):
 
 
 @kernel(inlined=True, disjoint=True, allocates=False)
-def paint_mirrored(scene, view, part, pixel, rays, hits, out, n):
-    """Fill `Radiance` [n] with that of a posed part where mirrored rays [n] meet it, at hits [n]."""
+def paint_mirrored(scene, view, part, pixel, rays, keys, hits, out, n):
+    """Fill `Radiance` [n] with that of a posed part where the mirrored rays `keys` [n] meet it, at their hits."""
     for i in range(n):
+        key = uint32(keys[i])
         out.red[i], out.green[i], out.blue[i] = mirrored_radiance(
-            scene, view, part, pixel, ray_of(rays, i), hit_of(hits, i)
+            scene, view, part, pixel, ray_of(rays, key), hit_of(hits, key)
         )

@@ -9,7 +9,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import int32
+from numba import int32, uint32, uint64
 
 from thalweg.core.compute.jit import kernel
 from thalweg.render.kernels.camera_rays import (
@@ -59,7 +59,7 @@ class Stirred(NamedTuple):
     first: Any
     """[K + 1] int32, where the pixels of each prop begin."""
     places: Any
-    """[pixels] int32, `camera_rays.place_of` with rows counted from the first drawn one."""
+    """[pixels + LANES] int32, `camera_rays.place_of` with rows counted from the first drawn one."""
     light: Any
     """[pixels] float32, share of the light that plants and props let through."""
 
@@ -69,8 +69,6 @@ class StirredScratch(NamedTuple):
 
     depth: Any
     """[CHUNK] float32, metres along the optical axis."""
-    places: Any
-    """[CHUNK + LANES] int32, as `Stirred.places`, filled up to whole vectors."""
     points: Any
     """`HitPoints` [CHUNK]."""
     out: Any
@@ -141,7 +139,8 @@ def hold_water(view, props, posed, reduced, top, rows):
     count = 0 if reduced else len(posed.counts)
     zones = np.empty((count, 8), np.int32)
     pixels = fill_zones(view, props, posed, top, len(rows.depth), zones)
-    stirred = Stirred(zones, np.empty(count + 1, np.int32), np.empty(pixels, np.int32), np.empty(pixels, np.float32))
+    first, places = np.empty(count + 1, np.int32), np.empty(pixels + LANES, np.int32)
+    stirred = Stirred(zones, first, places, np.empty(pixels, np.float32))
     gather_water(top, rows, stirred)
     return stirred
 
@@ -149,24 +148,37 @@ def hold_water(view, props, posed, reduced, top, rows):
 @kernel(allocates=False)
 def gather_water(top, rows, stirred):
     """Fill all of `Stirred` but its zones, and take the light of its pixels."""
-    n = 0
+    n = uint32(0)
     for k in range(len(stirred.zones)):
-        stirred.first[k] = n
+        stirred.first[k] = int32(n)
+        m0, m1, top_row, end_row, _ = rows_of_box(stirred.zones[k, :4], top, len(rows.depth))
         for half in range(2):
-            box = stirred.zones[k, 4 * half : 4 * half + 4]
-            c0, c1, r0, r1, _ = rows_of_box(box, top, len(rows.depth))
+            c0, c1, r0, r1, _ = rows_of_box(stirred.zones[k, 4 * half : 4 * half + 4], top, len(rows.depth))
             for r in range(r0, r1):
-                for c in range(c0, c1):
-                    light = rows.transmittance[r, c]
-                    wet = (rows.kind[r, c] == np.uint8(WATER)) & (rows.water[r, c] >= f32(SHORE_M))
-                    # A pixel that an earlier zone holds has no light any more.
-                    held = wet & (light > f32(SEEN))
-                    # Written in any case, and kept by counting it: a choice would be predicted wrongly too often.
-                    stirred.places[n] = place_of(int32(r), int32(c))
-                    stirred.light[n] = light
-                    rows.transmittance[r, c] = f32(0) if held else light
-                    n += int32(held)
-    stirred.first[len(stirred.zones)] = n
+                # The columns of the first rectangle, where the second one has them too, are left out.
+                both = (half == 1) & (top_row <= r) & (r < end_row)
+                n = gather_span(r, c0, min(c1, m0) if both else c1, rows, stirred, n)
+                n = gather_span(r, max(c0, m1) if both else c1, c1, rows, stirred, n)
+    stirred.first[len(stirred.zones)] = int32(n)
+
+
+@kernel(inlined=True, allocates=False)
+def gather_span(row, begin, end, rows, stirred, n):
+    """Append the pixels of water of a row from column `begin` to `end` to the n of `Stirred`, and take their light;
+    returns how many there are then."""
+    r = uint32(row)
+    for column in range(begin, end):
+        c = uint32(column)
+        light = rows.transmittance[r, c]
+        wet = (rows.kind[r, c] == np.uint8(WATER)) & (rows.water[r, c] >= f32(SHORE_M))
+        # A pixel that an earlier zone holds has no light any more.
+        held = wet & (light > f32(SEEN))
+        # Written in any case, and kept by counting it: a choice would be predicted wrongly too often.
+        stirred.places[n] = place_of(int32(row), int32(column))
+        stirred.light[n] = light
+        rows.transmittance[r, c] = f32(0) if held else light
+        n = uint32(n + uint32(held))
+    return n
 
 
 @kernel
@@ -175,8 +187,7 @@ def release_water(scene, view, props, posed, top, stirred, rows):
     if stirred.first[len(stirred.zones)] > 0:
         span = np.empty((11, CHUNK), np.float32)
         scratch = StirredScratch(
-            span[0], np.empty(CHUNK + LANES, np.int32),
-            HitPoints(span[1], span[2], span[3], span[4], span[5], span[6], span[7]),
+            span[0], HitPoints(span[1], span[2], span[3], span[4], span[5], span[6], span[7]),
             Radiance(span[8], span[9], span[10]), water.empty_scratch(CHUNK), empty_mirror_scratch(),
         )  # fmt: skip
         shade_stirred(scene, view, props, posed, top, stirred, scratch, rows)
@@ -189,47 +200,62 @@ def shade_stirred(scene, view, props, posed, top, stirred, scratch, rows):
     origin = map_origin(scene, view)
     inv_cell = scene.constants[view.world, layout.INV_CELL]
     pixel = row_step(camera)
-    depth, places, points, out, _, _ = scratch
-    for k in range(len(stirred.zones)):
-        for begin in range(stirred.first[k], stirred.first[k + 1], CHUNK):
-            n = min(stirred.first[k + 1] - begin, CHUNK)
-            for i in range(n):
-                places[i] = stirred.places[begin + i]
-            padded = fill_up(places, n)
-            for i in range(padded):
-                depth[i] = rows.depth[row_of(places[i]), column_of(places[i])]
-            hit_points(camera, origin, inv_cell, top, places, depth, points, padded)
-            shade_chunk(scene, view, props, posed, top, stirred.zones, k, pixel, scratch, padded)
-            sky.add_haze(scene, view, points, out, padded)
-            for i in range(n):
-                r, c = row_of(places[i]), column_of(places[i])
-                light = stirred.light[begin + i]
-                rows.red[r, c] += light * out.red[i]
-                rows.green[r, c] += light * out.green[i]
-                rows.blue[r, c] += light * out.blue[i]
-                rows.transmittance[r, c] = light
+    depth, points, out, _, _ = scratch
+    count = stirred.first[len(stirred.zones)]
+    padded = fill_up(stirred.places, count)
+    # The pixels of all props are shaded together: a chunk has a price, however few pixels it has.
+    for begin in range(0, padded, CHUNK):
+        n = min(padded - begin, CHUNK)
+        places = stirred.places[begin : begin + n]
+        for i in range(n):
+            depth[i] = rows.depth[uint32(row_of(places[i])), uint32(column_of(places[i]))]
+        hit_points(camera, origin, inv_cell, top, places, depth, points, n)
+        shade_chunk(scene, view, props, posed, top, stirred, begin, places, pixel, scratch, n)
+        sky.add_haze(scene, view, points, out, n)
+        for i in range(min(n, count - begin)):
+            r, c = uint32(row_of(places[i])), uint32(column_of(places[i]))
+            light = stirred.light[uint32(begin + i)]
+            rows.red[r, c] += light * out.red[i]
+            rows.green[r, c] += light * out.green[i]
+            rows.blue[r, c] += light * out.blue[i]
+            rows.transmittance[r, c] = light
 
 
-@kernel(allocates=False)
-def shade_chunk(scene, view, props, posed, top, zones, k, pixel, scratch, n):
-    """As `water.shade_water`, for the n points of `StirredScratch`, which are in the zone of posed prop k, with all
-    props whose zones touch it; pixel: height of a pixel at distance one."""
-    _, places, points, out, work, rays = scratch
+@kernel(inlined=True, allocates=False)
+def shade_chunk(scene, view, props, posed, top, stirred, begin, places, pixel, scratch, n):
+    """As `water.shade_water`, for the n points of `StirredScratch` of the pixels from number `begin` on of `Stirred`,
+    with all props whose zones touch theirs; pixel: height of a pixel at distance one."""
+    _, points, out, work, rays = scratch
+    zones = stirred.zones
     water.ripple_surface(scene, view, points, pixel, work.surface, n)
     for j in range(len(zones)):
-        if zones_touch(zones[k], zones[j, 4:]):
+        first, end = touched_span(stirred, zones[j, 4:], begin, n)
+        if first < end:
             prop = props[posed.numbers[j]]
-            add_waves(scene, view, prop, zones[j, 4:], top, places, points, pixel, work.surface, n)
+            add_waves(scene, view, prop, zones[j, 4:], top, places, points, pixel, work.surface, first, end - first)
     mirror.mirror_canopy(scene, view, points, pixel, work.surface, work.mirrored, out, n)
     aim_mirrored(scene, view.world, points, pixel, work.surface, rays.rays, n)
     # From far to near, so that the nearest is mirrored last, before all others.
     for j in range(len(zones) - 1, -1, -1):
-        if zones_touch(zones[k], zones[j, :4]):
-            first = j * models.MOST_PARTS
-            parts = posed.parts[first : first + posed.counts[j]]
+        first, end = touched_span(stirred, zones[j, :4], begin, n)
+        if first < end:
+            parts = posed.parts[j * models.MOST_PARTS : j * models.MOST_PARTS + posed.counts[j]]
             prop = props[posed.numbers[j]]
-            mirror_prop(scene, view, prop, parts, zones[j], top, places, pixel, work.mirrored, rays, n)
+            mirror_prop(scene, view, prop, parts, zones[j], top, places, pixel, work.mirrored, rays, first, end)
     water.compose(scene, view, points, pixel, work.surface, work.mirrored, out, n)
+
+
+@kernel(inlined=True, allocates=False)
+def touched_span(stirred, box, begin, n):
+    """Return the first and the end, as multiples of `LANES`, of those of n pixels of `Stirred` from number `begin` on
+    that belong to props whose zones touch a rectangle [4]; the end is not after the first if there are none."""
+    first, end = int32(n), int32(0)
+    for k in range(len(stirred.zones)):
+        own = max(stirred.first[k] - int32(begin), int32(0))
+        own_end = min(stirred.first[k + 1] - int32(begin), int32(n))
+        if own < own_end and zones_touch(stirred.zones[k], box):
+            first, end = min(first, own), max(end, own_end)
+    return first // int32(LANES) * int32(LANES), (end + int32(LANES - 1)) // int32(LANES) * int32(LANES)
 
 
 @kernel(inlined=True, allocates=False)
@@ -249,9 +275,10 @@ def wave(turns):
     return arc if part < f32(0.5) else -arc
 
 
-@kernel(disjoint=True, allocates=False)
-def add_waves(scene, view, prop, box, top, places, points, pixel, surface, n):
-    """Add the waves of a prop to a `water.Surface` [n] at `HitPoints` of pixels at places [n] within a box [4]."""
+@kernel(inlined=True, disjoint=True, allocates=False)
+def add_waves(scene, view, prop, box, top, places, points, pixel, surface, first, n):
+    """Add the waves of a prop to n of a `water.Surface`, from number `first` on, at `HitPoints` of pixels at places
+    within a box [4]."""
     kind = int32(prop[KIND])
     cell = f32(1) / scene.constants[view.world, layout.INV_CELL]
     # The prop in metres from the map's origin, as the points.
@@ -266,7 +293,9 @@ def add_waves(scene, view, prop, box, top, places, points, pixel, surface, n):
     x, y, _, sight_x, sight_y, sight_z, distance = points
     slope_x, slope_y, spread, facing, mirror_x, mirror_y, mirror_z = surface
     c0, c1, r0, r1 = box[0], box[1], box[2] - int32(top), box[3] - int32(top)
-    for i in range(n):
+    for k in range(n):
+        # An index that might be negative would not vectorise.
+        i = uint64(first + k)
         dx = x[i] * cell - px
         dy = y[i] * cell - py
         along = dx * cos + dy * sin

@@ -118,7 +118,9 @@ def check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, own: Map
 
 def impossible(name: str, value: Any, allowed: str, row: int) -> StateError:
     """Return the error of a value in an array of a state; `allowed`: what would be right, `row`: whose it is."""
-    shown = f"{np.asarray(value).tolist()!s:.60}"
+    numbers = np.ravel(value).tolist()
+    shown = ", ".join(f"{number:.3g}" if isinstance(number, float) else str(number) for number in numbers)
+    shown = f"[{shown:.80}]" if np.ndim(value) else shown
     return StateError(f"{name} has an impossible value, {shown}; allowed: {allowed} (environment {row})")
 
 

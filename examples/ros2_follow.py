@@ -1,6 +1,6 @@
 """ROS 2 node that follows a river by an exported policy: images in, velocities out, and a stop if either fails.
 
-It was checked for its syntax only: no robot, and no ROS, has run it. Try it with the propellers off.
+It was tested against a stand-in for ROS only: no robot, and no ROS, has run it. Try it with the propellers off.
 
     python examples/ros2_follow.py --ros-args -p policy:=policy.onnx -p speed:=0.5
 

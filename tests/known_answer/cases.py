@@ -1,4 +1,4 @@
-"""Cases of the known-answer tests in CI: each algorithm in its native space, with one seed."""
+"""Cases of the known-answer tests in CI: each algorithm in its native space."""
 
 from collections.abc import Collection
 from pathlib import Path
@@ -23,9 +23,22 @@ def ci_cases(algorithms: Collection[str]) -> list[Any]:
     return [pytest.param(case, id=f"{case.algorithm}-{case.action_setup}-{case.problem}") for case in cases]
 
 
-def check_reached(case: Case, folder: Path, seed: int = 0) -> None:
-    """Train a policy and assert that it reaches the required return within the limit."""
-    result = trained(case, seed, folder)
-    assert result.reached, f"{result.share:.1%} of the optimum, cost {result.score.cost:.3f} of {case.limit}"
-    if case.requirement.against == "free":  # it knows no limit, and breaks the one that the others keep
-        assert result.score.cost > 1.5 * sum(np.atleast_1d(np.asarray(case.limit)))
+def check_reached(case: Case, folder: Path, seeds: int = 1) -> None:
+    """Train with the first seeds until most of them have reached the required return within the limit, or cannot.
+
+    More than one seed is for off-policy algorithms: their multipliers and policies take turns about the limit, so that
+    about one run in seven ends above it (benchmarks/known_answer.md); which one depends on how a processor rounds.
+    """
+    most, reached, failures = seeds // 2 + 1, 0, []
+    for seed in range(seeds):
+        result = trained(case, seed, folder / str(seed))
+        share, cost = result.share, result.score.cost
+        if case.requirement.against == "free":  # it knows no limit, and breaks the one that the others keep
+            assert cost > 1.5 * sum(np.atleast_1d(np.asarray(case.limit)))
+        if result.reached:
+            reached += 1
+        else:
+            failures.append(f"seed {seed}: {share:.1%} of the optimum, cost {cost:.3f} of {case.limit}")
+        if most in (reached, len(failures)):
+            break
+    assert reached == most, "; ".join(failures)

@@ -64,7 +64,7 @@ class Requirement:
     """Action setups that it runs with, the native one first."""
     problems: tuple[str, ...] = tuple(PROBLEMS)
     in_ci: tuple[str, ...] = ("dense",)
-    """Problems that CI runs in the native space, with one seed."""
+    """Problems that CI runs in the native space."""
 
 
 OFF_POLICY = {"steps_per_update": 512, "updates_per_step": 0.5}

@@ -23,7 +23,7 @@ def feedback(
     return Feedback(
         progress=progress,
         steps_left=steps_left,
-        fresh_costs=told,
+        new_costs=told,
         recent_costs=told,
         episodes=episodes,
         largest_costs=(largest,) * len(costs),

@@ -41,7 +41,7 @@ class Script:
         self.given.append(
             Rollout(**{name: value.clone() for name, value in vars(rollout).items() if value is not None})
         )
-        return {"told": float(len(feedback.fresh_costs))}
+        return {"told": float(len(feedback.new_costs))}
 
     def warnings(self, feedback: Any) -> dict[str, str]:
         return {}

@@ -47,7 +47,7 @@ class Scribe:
         self.updates += 1
         self.told.append(feedback)
         self.seen.append({name: value.clone() for name, value in vars(rollout).items() if value is not None})
-        return {"told": len(feedback.fresh_costs)} if self.updates % self.period == 0 else {}
+        return {"told": len(feedback.new_costs)} if self.updates % self.period == 0 else {}
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         return {}
@@ -75,10 +75,10 @@ def trained(env: Any = None, steps: int = STEPS, **settings: Any) -> tuple[Scrib
     return learner, ended[:-1], trainer
 
 
-def test_fresh_costs_are_those_of_the_episodes_since_the_last_update():
+def test_new_costs_are_those_of_the_episodes_since_the_last_update():
     learner, ended, _ = trained()
     assert len(learner.told) == STEPS // (4 * EVERY) and sum(map(len, ended)) > 10
-    assert [told.fresh_costs[:, 0].tolist() for told in learner.told] == [[e.cost for e in each] for each in ended]
+    assert [told.new_costs[:, 0].tolist() for told in learner.told] == [[e.cost for e in each] for each in ended]
 
 
 def test_feedback_accumulates_until_a_report():
@@ -86,7 +86,7 @@ def test_feedback_accumulates_until_a_report():
     collected = [
         [e.cost for each in ended[update - update % 3 : update + 1] for e in each] for update in range(len(ended))
     ]
-    assert [told.fresh_costs[:, 0].tolist() for told in learner.told] == collected
+    assert [told.new_costs[:, 0].tolist() for told in learner.told] == collected
     assert trainer.updates == len(ended) // 3
 
 
@@ -109,9 +109,7 @@ def test_progress_is_that_before_the_rollout_and_steps_left_those_after_it():
 
 def test_costs_apart_are_tight_and_loose_in_the_rollout_too():
     learner, ended, _ = trained(separate=True)
-    assert [told.fresh_costs.tolist() for told in learner.told] == [
-        [[e.tight, e.loose] for e in each] for each in ended
-    ]
+    assert [told.new_costs.tolist() for told in learner.told] == [[[e.tight, e.loose] for e in each] for each in ended]
     costs = torch.cat([seen["costs"] for seen in learner.seen])
     assert costs.shape == (STEPS // 4, 4, 2)
     total = [sum(each) for each in zip(*((e.tight, e.loose) for each in ended for e in each), strict=True)]

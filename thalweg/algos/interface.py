@@ -85,7 +85,7 @@ class Feedback:
     """Share of the run's steps taken before this rollout, 0..1."""
     steps_left: int
     """Steps still to come after this rollout, all environments together."""
-    fresh_costs: np.ndarray
+    new_costs: np.ndarray
     """[E, M] undiscounted costs of the episodes finished since the last update that returned metrics."""
     recent_costs: np.ndarray
     """[E, M] of the last `RECENT_EPISODES` episodes at most, the newest last."""
@@ -99,16 +99,16 @@ class Feedback:
     """Steps of an episode: the mean of the same last episodes as `recent_costs`; NaN before any."""
 
     def cost_means(self, window: int = 0, least: int = 1) -> tuple[float, ...]:
-        """Return J_c [M]: the mean cost of the fresh episodes, and at least of the `least` last ones.
+        """Return J_c [M]: the mean cost of the new episodes, and at least of the `least` last ones.
 
-        Without fresh episodes it is the mean of the last `MEAN_EPISODES`, with a window that of so many last ones. NaN
+        Without new episodes it is the mean of the last `MEAN_EPISODES`, with a window that of so many last ones. NaN
         before any episode has finished.
         """
-        fresh = len(self.fresh_costs)
+        count = len(self.new_costs)
         if window:
             chosen = self.recent_costs[-window:]
-        elif fresh:
-            chosen = self.fresh_costs if fresh >= least else self.recent_costs[-least:]
+        elif count:
+            chosen = self.new_costs if count >= least else self.recent_costs[-least:]
         else:
             chosen = self.recent_costs[-MEAN_EPISODES:]
         if not len(chosen):

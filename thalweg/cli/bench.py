@@ -68,8 +68,8 @@ class Bench(Command):
         if self.verify is not None:
             if not self.only:
                 raise UsageError("--verify makes runs again: name them by --only, such as --only FOCOPS-0")
-            fresh = self.out or Path(f"{self.verify.resolve().name}-verified")
-            return verify_and_print(asked, self.verify, fresh)
+            again = self.out or Path(f"{self.verify.resolve().name}-verified")
+            return verify_and_print(asked, self.verify, again)
         if self.out is None:
             raise UsageError("give the folder of the results, such as --out results/quick")
         return run_and_print(asked, self.out)
@@ -134,23 +134,23 @@ def run_and_print(asked: RequestedRuns, folder: Path) -> int:
     return 1 if outcome.failed else 0
 
 
-def verify_and_print(asked: RequestedRuns, recorded: Path, fresh: Path) -> int:
-    """Make runs of a suite again in the folder `fresh`, compare them with the `recorded` ones, and print what agrees;
+def verify_and_print(asked: RequestedRuns, recorded: Path, again: Path) -> int:
+    """Make runs of a suite again in the folder `again`, compare them with the `recorded` ones, and print what agrees;
     returns 1 if something does not."""
     from thalweg.bench.execute.verification import verify
     from thalweg.cli.tables import make_console
 
     console = make_console()
     suite, only, executor = asked.resolved(), asked.only, asked.executor
-    outcomes = verify(suite, recorded, fresh, only, console=console, executor=executor)
-    lines = [line for outcome in outcomes for line in verification_lines(outcome, recorded, fresh)]
+    outcomes = verify(suite, recorded, again, only, console=console, executor=executor)
+    lines = [line for outcome in outcomes for line in verification_lines(outcome, recorded, again)]
     console.print("\n".join(lines), highlight=False, soft_wrap=True, markup=False)
     return 0 if all(outcome.reproduced for outcome in outcomes) else 1
 
 
-def verification_lines(outcome: "Verification", recorded: Path, fresh: Path) -> list[str]:
+def verification_lines(outcome: "Verification", recorded: Path, again: Path) -> list[str]:
     """Return what is said of a run that was made again: how it was compared, each part, and the verdict."""
-    lines = [f"{outcome.run} of {recorded}, made again in {fresh}"]
+    lines = [f"{outcome.run} of {recorded}, made again in {again}"]
     if outcome.conditions:
         lines.append(f"  made under other conditions ({'; '.join(outcome.conditions)}): means within the tolerances")
     else:

@@ -71,7 +71,7 @@ class Trainer:
         self._steps_at_update = self.statistics.steps
         if metrics:
             self._warn(self.learner.warnings(feedback))
-            self.statistics.fresh.clear()
+            self.statistics.since_update.clear()
             self.updates += 1
             if self.learner.resets and not self.done:
                 self.collector.reset(self.seed)
@@ -79,11 +79,11 @@ class Trainer:
 
     def feedback(self) -> Feedback:
         """Return the statistics of episodes that the learner adapts to."""
-        fresh, recent, largest = self.statistics.costs(self.learner.separate_costs)
+        new, recent, largest = self.statistics.costs(self.learner.separate_costs)
         return Feedback(
             progress=min(self._steps_at_update / self.steps, 1.0),
             steps_left=max(self.steps - self.statistics.steps, 0),
-            fresh_costs=fresh,
+            new_costs=new,
             recent_costs=recent,
             episodes=self.statistics.count,
             largest_costs=largest,

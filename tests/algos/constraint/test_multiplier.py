@@ -201,7 +201,7 @@ def test_settling_alone_is_no_growth_of_the_cost():
 def test_an_episode_counts_once():
     both, told = Multipliers(CONFIG, (0.1,)), feedback(0.5)
     both.update(told)
-    both.update(replace(told, fresh_costs=told.fresh_costs[:0]))
+    both.update(replace(told, new_costs=told.new_costs[:0]))
     assert both.values == pytest.approx((0.2,))
 
 
@@ -288,7 +288,7 @@ def test_one_that_had_time_enough_is_not_called_slow_at_the_end():
 def test_fresh_episodes_count_else_the_last_fifty():
     told = feedback(0.5)
     assert told.cost_means() == (0.5,)
-    older = replace(told, fresh_costs=told.fresh_costs[:0], recent_costs=feedback(*[1.0], count=100).recent_costs)
+    older = replace(told, new_costs=told.new_costs[:0], recent_costs=feedback(*[1.0], count=100).recent_costs)
     older.recent_costs[:50] = 0.0
     assert older.cost_means() == (1.0,) and older.cost_means(window=80) == (50 / 80,)
     assert older.cost_means(least=80) == (1.0,), "of no fresh episode, the last fifty"

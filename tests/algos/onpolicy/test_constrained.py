@@ -72,7 +72,7 @@ class TestEveryConstrainedAlgorithm:
         assert after(learner, feedback(BROKEN)) < before - 0.1
 
     def test_before_any_episode_it_takes_what_pays(self, name: str, space: gym.Space):
-        nothing = dataclasses.replace(feedback(0.0), fresh_costs=np.zeros((0, 1)), recent_costs=np.zeros((0, 1)))
+        nothing = dataclasses.replace(feedback(0.0), new_costs=np.zeros((0, 1)), recent_costs=np.zeros((0, 1)))
         learner = learner_for(name, space)
         before = probability(learner)
         assert after(learner, nothing) > before + 0.15

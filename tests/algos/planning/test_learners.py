@@ -40,7 +40,7 @@ SMALL: Mapping[str, Any] = {
 FEEDBACK = Feedback(
     progress=0.1,
     steps_left=10_000,
-    fresh_costs=np.array([[1.0], [0.0]]),
+    new_costs=np.array([[1.0], [0.0]]),
     recent_costs=np.array([[1.0], [0.0]]),
     episodes=30,
     largest_costs=(1.0,),
@@ -183,7 +183,7 @@ class TestEveryPlanner:
         learner = learner_for(name, space, cost_limits=(0.1, 0.2), plan_budget="share")
         assert learner.separate_costs
         two = dataclasses.replace(
-            FEEDBACK, fresh_costs=np.ones((2, 2)), recent_costs=np.ones((2, 2)), largest_costs=(1.0, 0.2)
+            FEEDBACK, new_costs=np.ones((2, 2)), recent_costs=np.ones((2, 2)), largest_costs=(1.0, 0.2)
         )
         for seed in range(2):
             metrics = learner.update(rollout_of(learner, seed), two)

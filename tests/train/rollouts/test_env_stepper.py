@@ -270,7 +270,7 @@ def test_rates_count_violated_episodes_per_step():
 
 def test_costs_are_those_of_the_fresh_and_of_the_last_hundred_episodes():
     book, episodes = walked(300)
-    book.fresh = episodes[-3:]
+    book.since_update = episodes[-3:]
     fresh, recent, largest = book.costs(separate=False)
     assert len(episodes) > 100
     assert fresh.tolist() == [[e.cost] for e in episodes[-3:]] and recent.tolist() == [

@@ -102,17 +102,17 @@ class MeanCostConfig:
 def cost_metrics(
     feedback: Feedback, limits: Sequence[float] = (), means: Sequence[float] | None = None
 ) -> dict[str, float]:
-    """Return J_c of each cost, the number of fresh episodes, the limits, and whether any episode exceeded them.
+    """Return J_c of each cost, the number of new episodes, the limits, and whether any episode exceeded them.
 
     Args:
         feedback: The statistics.
         limits: d [M] of this update; none for an algorithm without limits.
-        means: J_c [M] that is compared with them; by default the mean of the fresh episodes.
+        means: J_c [M] that is compared with them; by default the mean of the new episodes.
     """
     names = cost_suffixes(len(feedback.largest_costs))
     compared = feedback.cost_means() if means is None else means
     found = {f"cost_mean{name}": mean for name, mean in zip(names, compared, strict=True)}
-    found |= {"cost_episodes": len(feedback.fresh_costs)}
+    found |= {"cost_episodes": len(feedback.new_costs)}
     for name, largest, limit in zip(names, feedback.largest_costs, limits, strict=bool(limits)):
         found |= {f"cost_limit{name}": limit, f"limit_can_bind{name}": float(largest > limit)}
     return found

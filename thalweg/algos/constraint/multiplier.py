@@ -197,7 +197,7 @@ class Multipliers:
 
         Without a window and without a new episode, nothing changes.
         """
-        has_news = self.config.cost_window or len(feedback.fresh_costs)
+        has_news = self.config.cost_window or len(feedback.new_costs)
         means = self.config.cost_means(feedback)
         for multiplier, cost, limit in zip(self.each, means, limits or self._limits, strict=True):
             multiplier.update(cost if has_news else math.nan, feedback.progress, limit)

@@ -158,21 +158,21 @@ class Agent:
         """Return the rollout's valid steps with the advantages of each signal; critic k predicts signal k.
 
         Afterwards the statistics of observations include the rollout. They change only here, so that the samples are
-        evaluated by the policy that collected them. A fresh policy with orthogonal weights and bounded activations is
-        nearly uniform in every state, so the statistics of the first rollout are included at once. Those of what only
-        critics see, by which nobody acts, always include the first rollout at once.
+        evaluated by the policy that collected them. An untrained policy with orthogonal weights and bounded activations
+        is nearly uniform in every state, so the statistics of the first rollout are included at once. Those of what
+        only critics see, by which nobody acts, always include the first rollout at once.
         """
         normaliser, told, config = self.policy.normaliser, self.critic_normaliser, self.config
         self._count_warmup(rollout)
-        fresh = normaliser.count == 0 and config.initial == "orthogonal" and config.activation == "tanh"
+        untrained = normaliser.count == 0 and config.initial == "orthogonal" and config.activation == "tanh"
         first = told is not None and told.count == 0
-        self._update_statistics(rollout, fresh, first)
+        self._update_statistics(rollout, untrained, first)
         samples = samples_of(
             rollout, self.critics, normaliser, signals, self._memory, told, not config.sees_images
         )  # fmt: skip
         if (imitated := self.imitated) is not None:
             samples = replace(samples, imitated=imitated.parameters(rollout)[samples.index])
-        self._update_statistics(rollout, not fresh and not self.critics_warm_up, not first)
+        self._update_statistics(rollout, not untrained and not self.critics_warm_up, not first)
         if self._memory is not None:
             self._memory.advance()
             # The states differ after the first rollout, which was collected without statistics.

@@ -91,7 +91,7 @@ class ImitationTrainer(StudentTrainer):
         if len(sequences.fresh) == config.sequence:
             self.store.add(sequences)
         self.flights.begin()
-        self.statistics.fresh.clear()
+        self.statistics.since_update.clear()
         self.updates += 1
         return {**found, "learning_rate": student.optimiser.rate, "stored_steps": self.store.count * config.sequence}
 

@@ -77,7 +77,7 @@ class EpisodeStatistics:
         """[N, 4] reward, cost, tight, loose of the running episodes."""
         self._lengths = np.zeros(num_envs, dtype=np.int64)
         self.recent: deque[Episode] = deque(maxlen=RECENT_EPISODES)
-        self.fresh: list[Episode] = []
+        self.since_update: list[Episode] = []
         """Episodes finished since the last update."""
         self.steps = 0
         """Valid steps, all environments together."""
@@ -110,7 +110,7 @@ class EpisodeStatistics:
                 self.violations[name] += cost > 0
                 self.largest[name] = max(self.largest[name], cost)
         self.recent.extend(ended)
-        self.fresh.extend(ended)
+        self.since_update.extend(ended)
         if ended and len(self.recent) >= MEAN_EPISODES:
             self._lower()
         return ended
@@ -121,11 +121,11 @@ class EpisodeStatistics:
         They are tight and loose costs if `separate`, else their sum.
         """
         names = ("tight", "loose") if separate else ("cost",)
-        fresh, recent = (
+        new, recent = (
             np.array([[getattr(episode, name) for name in names] for episode in episodes]).reshape(-1, len(names))
-            for episodes in (self.fresh, self.recent)
+            for episodes in (self.since_update, self.recent)
         )
-        return fresh, recent, tuple(self.largest[name] for name in names)
+        return new, recent, tuple(self.largest[name] for name in names)
 
     def lowest_costs(self, separate: bool) -> tuple[float, ...]:
         """Return the lowest mean cost [M] of `MEAN_EPISODES` episodes in a row; NaN before so many have finished."""
@@ -164,7 +164,7 @@ class EpisodeStatistics:
             "violations": dict(self.violations),
             "split": self.split,
             "recent": [asdict(episode) for episode in self.recent],
-            "fresh": [asdict(episode) for episode in self.fresh],
+            "since_update": [asdict(episode) for episode in self.since_update],
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
@@ -177,7 +177,7 @@ class EpisodeStatistics:
         self.lowest = {name: float(cost) for name, cost in state.get("lowest", {}).items()}
         self.violations = {name: int(number) for name, number in state["violations"].items()}
         self.recent = deque((Episode(**row) for row in state["recent"]), maxlen=RECENT_EPISODES)
-        self.fresh = [Episode(**row) for row in state["fresh"]]
+        self.since_update = [Episode(**row) for row in state["since_update"]]
 
     def discard_running(self) -> None:
         """Discard the running episodes of all environments, which are reset."""

@@ -6,6 +6,7 @@ They were written before modules were moved and renamed, and are never written a
 import csv
 import json
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ from thalweg.bench.results.reading import read_results
 from thalweg.encoder import DEFAULT_PATH, load_encoder
 from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
+from thalweg.train.folder.checkpoint import load_checkpoint
+from thalweg.train.rollouts.episodes import EpisodeStatistics
 from thalweg.world import World
 
 FOLDER = Path(__file__).resolve().parent / "written_by_0_1_0"
@@ -51,6 +54,17 @@ def test_an_interrupted_run_with_other_defaults_is_refused_and_left_alone(tmp_pa
         train(tmp_path / "run", "FOCOPS", Walk(), steps=1500)
     for path in filter(Path.is_file, (FOLDER / "run").rglob("*")):
         assert (tmp_path / path.relative_to(FOLDER)).read_bytes() == path.read_bytes()
+
+
+def test_the_episodes_of_a_checkpoint_are_read(tmp_path: Path):
+    shutil.copytree(FOLDER / "run", tmp_path / "run")
+    found = load_checkpoint(tmp_path / "run")
+    assert found is not None
+    saved = found[1]["book"]
+    saved["fresh"] = saved["recent"][-2:]  # as after an update that had nothing to report
+    statistics = EpisodeStatistics(2, ["", ""])
+    statistics.load_state(saved)
+    assert saved["recent"] and [asdict(episode) for episode in statistics.since_update] == saved["fresh"]
 
 
 def test_results_of_a_suite_are_read():

@@ -135,7 +135,7 @@ def test_a_table_shorter_than_its_checkpoint_is_refused(tmp_path):
 
 @pytest.mark.parametrize(
     "content",
-    [b"[]", b"{}", b"\xff", b"[" * 50_000, b'{"format": 2, "step": "7", "state": {}, "sha256": ""}', b'{"format": 2}'],
+    [b"[]", b"{}", b"\xff", b"[" * 50_000, b'{"format": 1, "step": "7", "state": {}, "sha256": ""}', b'{"format": 1}'],
 )
 def test_a_state_that_is_none_is_refused_by_name(content: bytes, tmp_path):
     folder = save_checkpoint(tmp_path, 7, STATE)

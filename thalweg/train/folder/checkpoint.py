@@ -19,7 +19,7 @@ from safetensors.numpy import load, save
 from thalweg.core.atomic_io import disk_errors_name
 from thalweg.train.errors import TrainingError
 
-FORMAT = 2
+FORMAT = 1
 FOLDER = "checkpoints"
 ARRAYS, PLAIN = "arrays.safetensors", "state.json"
 KEEP = 2

@@ -177,7 +177,8 @@ class EpisodeStatistics:
         self.lowest = {name: float(cost) for name, cost in state.get("lowest", {}).items()}
         self.violations = {name: int(number) for name, number in state["violations"].items()}
         self.recent = deque((Episode(**row) for row in state["recent"]), maxlen=RECENT_EPISODES)
-        self.since_update = [Episode(**row) for row in state["since_update"]]
+        # Version 0.1.0 called them fresh at first.
+        self.since_update = [Episode(**row) for row in state["since_update" if "since_update" in state else "fresh"]]
 
     def discard_running(self) -> None:
         """Discard the running episodes of all environments, which are reset."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from thalweg.cli.command import NOTHING_SAVED, Command
+from thalweg.cli.command import Command
 from thalweg.cli.options import Plugins, UsageError, check_file, checked_task
 
 if TYPE_CHECKING:
@@ -26,16 +26,22 @@ class FlyOracle(Command):
     prices: tuple[float, ...] = ()
     """Return that a cost of 1 is worth, such as 0 0.03 1; by default fourteen from 0 to 10."""
     out: Path | None = None
-    """Add the points to this .csv file; those that it has are flown again only for other --episodes or versions."""
+    """Add the points to this .csv file. Those of a front with other --episodes or of another version are replaced."""
     plugin: Plugins = ()
 
     resumes = True
 
     def after_interrupt(self) -> str:
-        wanted = set(self._prices)
-        if finished := sum(wanted <= self._known(task, level).keys() for task, level in self._fronts()):
-            return f"Fronts that are finished: {finished}. The same command flies the others."
-        return NOTHING_SAVED
+        from thalweg.bench.csv_files import ResultsError
+        from thalweg.world import WorldError
+
+        try:
+            kept = [price in self._known(*front) for front in self._fronts() for price in self._prices]
+        except (UsageError, WorldError, ResultsError):  # it was interrupted before it said so
+            kept = []
+        if any(kept):
+            return f"{self.out} has {sum(kept)} of {len(kept)} points. The same command flies the others."
+        return "The same command starts from the beginning."
 
     def run(self) -> int:
         self._check()

@@ -76,11 +76,11 @@ def test_an_interrupted_command_keeps_finished_fronts_and_flies_the_others(
     command = ["oracle", "--tasks", "Nests", "RacingLine", "--episodes", "2", "--prices", "0", "1", "--out", str(out)]
     stop_at = "Nests"
     assert main(command) == 130
-    assert capsys.readouterr().err == "\nInterrupted. Nothing was saved; the same command starts from the beginning.\n"
+    assert capsys.readouterr().err == "\nInterrupted. The same command starts from the beginning.\n"
     stop_at = "RacingLine"
     assert main(command) == 130
     told = capsys.readouterr().err
-    assert told == "\nInterrupted. Fronts that are finished: 1. The same command flies the others.\n"
+    assert told == f"\nInterrupted. {out} has 2 of 4 points. The same command flies the others.\n"
     first, stop_at = read_fronts(out), ""
     assert main(command) == 0
     assert asked == [("Nests", 0.0), ("Nests", 1.0), ("RacingLine", 0.0), ("RacingLine", 1.0)]

@@ -165,7 +165,7 @@ def sample_starts(world: World, count: int, seed: int, config: EnvConfig = DEFAU
     """Return random safe initial poses [count, 4] in a world; pose i depends on the seed and i alone."""
     courses = pack_courses([world], config)
     generators = (np.random.default_rng([seed, index]) for index in range(count))
-    river = f"{world.name}-{world.seed}"
+    river = world.label
     starts = [random_start(courses, 0, config, config.limits, generator, river)[0] for generator in generators]
     return np.array(starts).reshape(count, 4)
 

@@ -28,13 +28,15 @@ POSSIBLE = {
     "station": "a finite number of 0 or more",
     "way": "a finite number of 0 or more",
     "sun": "the number of one of the world's lights, from 0",
-    "generator": "that of a generator where an episode has begun",
+    "generator": "not all 0 where an episode has begun",
     "seed": "0 or more",
     "episode": "0 or more, and from 1 on while an episode runs",
     "look": "the number of one of the looks, from 0",
     "ended": "0 or 1",
 }
 """Values that the arrays of a state may have, in words; those of `segment` depend on the course."""
+LONGEST_VALUE = 80
+"""Characters of a value in an error; a longer one is cut."""
 
 
 class StateError(ValueError):
@@ -112,15 +114,19 @@ def check_values(given: Mapping[str, np.ndarray], segments: np.ndarray, own: Map
     for name, rows in wrong.items():
         if rows.any():
             row = int(np.argmax(rows))
-            allowed = f"0..{segments[row] - 1}" if name == "segment" else POSSIBLE[name]
-            raise impossible(name, given[name][row], allowed, row)
+            value, allowed = given[name][row], POSSIBLE.get(name, f"0..{segments[row] - 1}")
+            if name == "visited":
+                at = int(np.argmax((visited > on_course)[row]))
+                value = f"{visited[row, at]} at segment {at}"
+            raise impossible(name, value, allowed, row)
 
 
 def impossible(name: str, value: Any, allowed: str, row: int) -> StateError:
     """Return the error of a value in an array of a state; `allowed`: what would be right, `row`: whose it is."""
     numbers = np.ravel(value).tolist()
     shown = ", ".join(f"{number:.3g}" if isinstance(number, float) else str(number) for number in numbers)
-    shown = f"[{shown:.80}]" if np.ndim(value) else shown
+    shown = shown if len(shown) <= LONGEST_VALUE else f"{shown[: LONGEST_VALUE - 3]}..."
+    shown = f"[{shown}]" if np.ndim(value) else shown
     return StateError(f"{name} has an impossible value, {shown}; allowed: {allowed} (environment {row})")
 
 

@@ -87,7 +87,7 @@ class TensorRiverEnv:
             shared = self._observer.renderer.scratch_bytes
         check_memory(self.num_envs, bytes_per_env(courses, config, BUFFERS), shared, free_bytes(self.device))
         for index, world in enumerate(self.worlds):  # a reset on the device cannot report that there is no safe start
-            river = f"{world.name}-{world.seed}"
+            river = world.label
             random_start(courses, index, config, config.limits, np.random.default_rng(index), river)
         self.world_index = np.arange(self.num_envs, dtype=np.int64) % len(self.worlds)
         """[N] index of the world of each environment."""
@@ -221,7 +221,8 @@ class TensorRiverEnv:
         return torch.zeros(self.num_envs, 3, dtype=torch.float64, device=self.device)
 
     def _wrong(self, state: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return the rows [N] of impossible values of the arrays that only environments of tensors have."""
+        """Return, by name of the arrays that only environments of tensors have, which rows [N] bool have an impossible
+        value."""
         seed, episode, look, ended = (np.asarray(state[name]) for name in ("seed", "episode", "look", "ended"))
         return {
             "seed": seed < 0,

@@ -118,6 +118,11 @@ class World:
             f" {len(self.plants.kind):,} plants)"
         )
 
+    @property
+    def label(self) -> str:
+        """Name and seed, such as Medium-1000."""
+        return f"{self.name}-{self.seed}"
+
     def covers(self, x: float, y: float) -> bool:
         """Return whether a position in metres is on the map; False for NaN."""
         grid, (rows, columns) = self.grid, self.ground_m.shape

@@ -231,7 +231,7 @@ def test_a_number_of_rivers_in_memory_that_is_not_whole_is_refused(in_memory: An
 @pytest.mark.parametrize("observation", ["none", "rgb+mask"])
 @pytest.mark.parametrize("kind", [RiverVectorEnv, TensorRiverEnv])
 def test_no_worlds_are_refused(kind: Any, observation: Any):
-    with pytest.raises(ConfigError, match="worlds must be at least one river"):
+    with pytest.raises(ConfigError, match="worlds must hold at least one river"):
         kind([], 2, EnvConfig(observation=observation))
 
 

@@ -29,8 +29,7 @@ class FixedRivers:
 
     def name(self, row: int) -> str:
         """Return the name and seed of the river of environment `row`, such as Medium-1000."""
-        world = self._worlds[self.slot[row]]
-        return f"{world.name}-{world.seed}"
+        return self._worlds[self.slot[row]].label
 
     def forget(self, row: int) -> None:
         """Do nothing: no river was drawn."""

@@ -59,7 +59,7 @@ class RiverList:
     def name(self, index: int) -> str:
         """Return the name and seed of a river, such as Medium-1000."""
         entry = self.entries[index]
-        return f"{entry.name}-{entry.seed}" if isinstance(entry, World) else f"{entry[0].name}-{entry[1]}"
+        return entry.label if isinstance(entry, World) else f"{entry[0].name}-{entry[1]}"
 
     @property
     def firsts(self) -> list[int]:

@@ -113,7 +113,7 @@ def pack_courses(worlds: Sequence[World], config: EnvConfig) -> CourseArrays:
     worlds and for a deadline that nobody can meet.
     """
     if not worlds:
-        raise ConfigError("worlds must be at least one river, got none")
+        raise ConfigError("worlds must hold at least one river, got none")
     for world in worlds:
         check_deadline(world, config)
     rivers = [world.river for world in worlds]

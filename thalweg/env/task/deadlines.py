@@ -44,7 +44,7 @@ def check_deadline(world: World, config: EnvConfig) -> None:
     least = math.ceil(100.0 * needed / _way_m(task, river)) / 100.0
     way = "in a straight line the station is" if task.portage else "along the inner bank the course takes"
     raise ConfigError(
-        f"nobody can meet the deadline of {config.task} on {world.name}-{world.seed}, {deadline(task, river)} steps:"
+        f"nobody can meet the deadline of {config.task} on {world.label}, {deadline(task, river)} steps:"
         f" even {way} {math.ceil(needed)} steps of {step_m:.2f} m; deadline_steps_per_m of the task must be at least"
         f" {least:g}, got {task.deadline_steps_per_m:g}"
     )

@@ -166,7 +166,7 @@ def _where(
     else:
         why = f"there are at most {max(float(depth[sample].max()), 0.0):.3f} m of water under all of the hull"
     return (
-        f"{boat.words} does not fit {world.name}-{world.seed}: at arc {river.arc_m[sample]:.0f} m, where the river is"
+        f"{boat.words} does not fit {world.label}: at arc {river.arc_m[sample]:.0f} m, where the river is"
         f" {river.width_m[sample]:.1f} m wide and {river.depth_m[sample]:.2f} m deep in the middle, {why}"
     )
 

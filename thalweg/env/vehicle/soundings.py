@@ -46,8 +46,7 @@ def take_soundings(worlds: Sequence[World], boat: Boat) -> dict[str, np.ndarray]
     for world in worlds:
         if world.grid.cell_m > COARSEST_M or not all(world.covers(*point) for point in world.river.position_m):
             raise FitError(
-                f"the bed of {world.name}-{world.seed} is unknown: a boat needs a river with its land, such as"
-                " load_or_build makes"
+                f"the bed of {world.label} is unknown: a boat needs a river with its land, such as load_or_build makes"
             )
     maps = [_depths(world, boat) for world in worlds]
     rocks = [_rocks(world, boat) for world in worlds]

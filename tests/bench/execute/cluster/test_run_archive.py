@@ -72,6 +72,8 @@ def test_an_interrupted_stage_resumes_elsewhere_from_its_checkpoint(tmp_path: Pa
     unpack(files, tmp_path / "here", RUN)
     assert pack(tmp_path / "here", RUN, TRIALS) == files
     train(here / ".before" / "0")
+    sent = [name for name in pack(tmp_path / "here", RUN, TRIALS) if "checkpoints" in name]
+    assert sent == first[2:]  # that of the finished stage is not sent again
     train(tmp_path / "whole")
     assert numbers(here / ".before" / "0") == numbers(tmp_path / "whole")
 

@@ -1,8 +1,8 @@
 """Archives of runs: all files of a run by name, for transfer between machines that share no disk.
 
 A run may be packed while it is executed, and unpacking may be killed halfway: the result is a run that was interrupted
-at some moment, like any other. Therefore the newest checkpoints, of the run and of each of its earlier stages, are read
-before the tables, which only grow, and written after them.
+at some moment, like any other. Therefore the newest checkpoints, of the run and of its unfinished earlier stage, are
+read before the tables, which only grow, and written after them.
 """
 
 import os
@@ -16,7 +16,7 @@ from thalweg.bench.execute.executors import LOGS
 from thalweg.bench.results.results import evaluation_path
 from thalweg.core.atomic_io import write_atomic
 from thalweg.train.folder.checkpoint import FOLDER as CHECKPOINTS
-from thalweg.train.folder.run_record import POLICY, STATUS
+from thalweg.train.folder.run_record import POLICY, STATUS, read_status
 
 Files = dict[str, bytes]
 """Contents of files, by their paths relative to a results folder."""
@@ -24,10 +24,10 @@ Files = dict[str, bytes]
 
 def archive_names(folder: Path, run: str, trials: Sequence[Trial]) -> list[str]:
     """Return the names of all files of a run in a results folder, in the order in which they must be read: newest
-    checkpoints of the run and its earlier stages, rest of the run's folder, evaluations and log.
+    checkpoints of the run and its unfinished stages, rest of the run's folder, evaluations and log.
     """
     run_folder = folder / "runs" / run
-    stages = sorted((run_folder / STAGES).glob("[0-9]*"))
+    stages = [stage for stage in sorted((run_folder / STAGES).glob("[0-9]*")) if not _is_finished(stage)]
     paths = [path for stage in (run_folder, *stages) for path in _newest_checkpoint(stage)]
     paths += _outside_checkpoints(run_folder)
     others = [evaluation_path(folder, run, trial) for trial in trials] + [folder / LOGS / f"{run}.txt"]
@@ -61,6 +61,11 @@ def unpack(files: Files, folder: Path, run: str) -> None:
     for path in _outside_checkpoints(folder / "runs" / run):
         if path.relative_to(folder).as_posix() not in files:
             path.unlink()
+
+
+def _is_finished(stage: Path) -> bool:
+    """Whether a stage is trained to its end, so that no one resumes it."""
+    return read_status(stage).get("state") == "finished"
 
 
 def _newest_checkpoint(stage: Path) -> list[Path]:

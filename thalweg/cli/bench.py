@@ -68,8 +68,8 @@ class Bench(Command):
         if self.verify is not None:
             if not self.only:
                 raise UsageError("--verify makes runs again: name them by --only, such as --only FOCOPS-0")
-            again = self.out or Path(f"{self.verify.resolve().name}-verified")
-            return verify_and_print(asked, self.verify, again)
+            repeated = self.out or Path(f"{self.verify.resolve().name}-verified")
+            return verify_and_print(asked, self.verify, repeated)
         if self.out is None:
             raise UsageError("give the folder of the results, such as --out results/quick")
         return run_and_print(asked, self.out)
@@ -134,23 +134,23 @@ def run_and_print(asked: RequestedRuns, folder: Path) -> int:
     return 1 if outcome.failed else 0
 
 
-def verify_and_print(asked: RequestedRuns, recorded: Path, again: Path) -> int:
-    """Make runs of a suite again in the folder `again`, compare them with the `recorded` ones, and print what agrees;
-    returns 1 if something does not."""
+def verify_and_print(asked: RequestedRuns, recorded: Path, repeated: Path) -> int:
+    """Make runs of a suite again in the folder `repeated`, compare them with those in `recorded`, and print what
+    agrees; returns 1 if something does not."""
     from thalweg.bench.execute.verification import verify
     from thalweg.cli.tables import make_console
 
     console = make_console()
     suite, only, executor = asked.resolved(), asked.only, asked.executor
-    outcomes = verify(suite, recorded, again, only, console=console, executor=executor)
-    lines = [line for outcome in outcomes for line in verification_lines(outcome, recorded, again)]
+    outcomes = verify(suite, recorded, repeated, only, console=console, executor=executor)
+    lines = [line for outcome in outcomes for line in verification_lines(outcome, recorded, repeated)]
     console.print("\n".join(lines), highlight=False, soft_wrap=True, markup=False)
     return 0 if all(outcome.reproduced for outcome in outcomes) else 1
 
 
-def verification_lines(outcome: "Verification", recorded: Path, again: Path) -> list[str]:
+def verification_lines(outcome: "Verification", recorded: Path, repeated: Path) -> list[str]:
     """Return what is said of a run that was made again: how it was compared, each part, and the verdict."""
-    lines = [f"{outcome.run} of {recorded}, made again in {again}"]
+    lines = [f"{outcome.run} of {recorded}, made again in {repeated}"]
     if outcome.conditions:
         lines.append(f"  made under other conditions ({'; '.join(outcome.conditions)}): means within the tolerances")
     else:

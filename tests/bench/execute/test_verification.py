@@ -43,7 +43,7 @@ def recorded(tmp_path: Path) -> Path:
 
 def test_a_run_that_is_made_again_agrees_to_the_bit(recorded: Path, tmp_path: Path):
     again = RecordingBackend()
-    (outcome,) = verify(SUITE, recorded, tmp_path / "fresh", ONLY, again)
+    (outcome,) = verify(SUITE, recorded, tmp_path / "repeated", ONLY, again)
     assert outcome.reproduced and outcome.conditions == ()
     assert [(part.name, part.episodes) for part in outcome.parts] == [
         ("curve", 2),
@@ -52,15 +52,15 @@ def test_a_run_that_is_made_again_agrees_to_the_bit(recorded: Path, tmp_path: Pa
         ("Hard", 3),
     ]
     assert [call for call in again.calls if "train" in call] == ["train PPO-0"]
-    assert not (tmp_path / "fresh" / "report").exists()
+    assert not (tmp_path / "repeated" / "report").exists()
 
 
 def test_a_run_whose_episodes_are_not_kept_is_compared_by_its_curve(recorded: Path, tmp_path: Path):
     for path in recorded.glob("runs/*/episodes.csv"):
         path.unlink()
-    (outcome,) = verify(SUITE, recorded, tmp_path / "fresh", ONLY, RecordingBackend())
+    (outcome,) = verify(SUITE, recorded, tmp_path / "repeated", ONLY, RecordingBackend())
     assert outcome.reproduced and (outcome.parts[0].name, outcome.parts[0].episodes) == ("curve", 2)
-    assert "  curve, 2 episodes: the same to the bit" in verification_lines(outcome, recorded, tmp_path / "fresh")
+    assert "  curve, 2 episodes: the same to the bit" in verification_lines(outcome, recorded, tmp_path / "repeated")
     (outcome,) = verify(SUITE, recorded, tmp_path / "other", ONLY, RecordingBackend(returns=(1.5, 2.25)))
     assert outcome.parts[0].differences == ("line 2: return 2.0 there, 1.875 here",)
 
@@ -72,18 +72,18 @@ def test_a_changed_number_in_the_flights_is_found_and_named(recorded: Path, tmp_
     values = first.split(",")
     before, values[column] = values[column], "7.25"
     path.write_text("\n".join([header, ",".join(values), *rest]) + "\n")
-    (outcome,) = verify(SUITE, recorded, tmp_path / "fresh", ONLY, RecordingBackend())
+    (outcome,) = verify(SUITE, recorded, tmp_path / "repeated", ONLY, RecordingBackend())
     assert not outcome.reproduced
     assert {part.name: part.differences for part in outcome.parts if part.differences} == {
         "Medium": (f"line 2: return 7.25 there, {before} here",)
     }
-    lines = verification_lines(outcome, recorded, tmp_path / "fresh")
+    lines = verification_lines(outcome, recorded, tmp_path / "repeated")
     assert lines[-1] == "PPO-0: NOT reproduced"
     assert f"  Medium, 3 episodes: line 2: return 7.25 there, {before} here" in lines
 
 
 def test_another_curve_on_the_same_processor_differs(recorded: Path, tmp_path: Path):
-    (outcome,) = verify(SUITE, recorded, tmp_path / "fresh", ONLY, RecordingBackend(returns=(1.5, 2.5000001)))
+    (outcome,) = verify(SUITE, recorded, tmp_path / "repeated", ONLY, RecordingBackend(returns=(1.5, 2.5000001)))
     assert outcome.parts[0].differences == ("line 3: return 2.5 there, 2.5000001 here",)
 
 
@@ -92,47 +92,47 @@ def test_on_another_processor_means_are_compared(
     returns: tuple[float, float], agrees: bool, recorded: Path, tmp_path: Path
 ):
     other = RecordingBackend("B", returns)
-    (outcome,) = verify(SUITE, recorded, tmp_path / "fresh", ONLY, other)
+    (outcome,) = verify(SUITE, recorded, tmp_path / "repeated", ONLY, other)
     assert outcome.conditions == ("cpu A there, B here",)
     assert outcome.reproduced == agrees
-    lines = verification_lines(outcome, recorded, tmp_path / "fresh")
+    lines = verification_lines(outcome, recorded, tmp_path / "repeated")
     assert "made under other conditions (cpu A there, B here)" in lines[1]
 
 
 def test_policies_without_training_are_flown_again(recorded: Path, tmp_path: Path):
-    (outcome,) = verify(SUITE, recorded, tmp_path / "fresh", ("hover",), RecordingBackend())
+    (outcome,) = verify(SUITE, recorded, tmp_path / "repeated", ("hover",), RecordingBackend())
     assert outcome.reproduced and [part.name for part in outcome.parts] == ["Easy", "Medium", "Hard"]
 
 
 def test_an_interrupted_verification_resumes(recorded: Path, tmp_path: Path):
-    verify(SUITE, recorded, tmp_path / "fresh", ONLY, RecordingBackend())
+    verify(SUITE, recorded, tmp_path / "repeated", ONLY, RecordingBackend())
     again = RecordingBackend()
-    verify(SUITE, recorded, tmp_path / "fresh", ONLY, again)
+    verify(SUITE, recorded, tmp_path / "repeated", ONLY, again)
     assert again.calls == []
 
 
 def test_a_folder_that_lacks_other_runs_of_the_suite_is_verified(recorded: Path, tmp_path: Path):
     larger = replace(SUITE, arms=(*SUITE.arms, replace(SUITE.arms[0], name="another")), baselines=("hover", "pilot"))
-    assert verify(larger, recorded, tmp_path / "fresh", ONLY, RecordingBackend())[0].reproduced
+    assert verify(larger, recorded, tmp_path / "repeated", ONLY, RecordingBackend())[0].reproduced
 
 
 def test_another_suite_is_refused_before_anything_is_trained(recorded: Path, tmp_path: Path):
     again = RecordingBackend()
     with pytest.raises(ResultsError, match=r"belongs to another suite: episodes is 3 there and 4 here"):
-        verify(replace(SUITE, episodes=4), recorded, tmp_path / "fresh", ONLY, again)
+        verify(replace(SUITE, episodes=4), recorded, tmp_path / "repeated", ONLY, again)
     arms = (replace(SUITE.arms[0], steps=99), SUITE.arms[1])
     with pytest.raises(ResultsError, match=r"arms\.PPO\.steps is 100 there and 99 here"):
-        verify(replace(SUITE, arms=arms), recorded, tmp_path / "fresh", ONLY, again)
-    assert again.calls == [] and not (tmp_path / "fresh").exists()
+        verify(replace(SUITE, arms=arms), recorded, tmp_path / "repeated", ONLY, again)
+    assert again.calls == [] and not (tmp_path / "repeated").exists()
 
 
 def test_what_cannot_be_compared_is_refused(recorded: Path, tmp_path: Path):
-    def refused(words: str, fresh: Path = tmp_path / "fresh", there: Path = recorded) -> None:
+    def refused(words: str, repeated: Path = tmp_path / "repeated", there: Path = recorded) -> None:
         with pytest.raises(ResultsError, match=words):
-            verify(SUITE, there, fresh, ONLY, RecordingBackend())
-        assert not (tmp_path / "fresh").exists()
+            verify(SUITE, there, repeated, ONLY, RecordingBackend())
+        assert not (tmp_path / "repeated").exists()
 
-    refused("is the folder to verify", fresh=recorded)
+    refused("is the folder to verify", repeated=recorded)
     refused("holds no results to verify", there=tmp_path / "nothing")
     versions = read_versions(recorded)
     write_versions(recorded, versions | {"PPO-0": {**versions["PPO-0"], "PPO": 0}})

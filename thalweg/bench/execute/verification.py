@@ -44,14 +44,14 @@ class Verification:
 def verify(
     suite: Suite,
     recorded: Path,
-    again: Path,
+    repeated: Path,
     only: tuple[str, ...],
     backend: Backend | None = None,
     console: Console | None = None,
     *,
     executor: Executor | None = None,
 ) -> list[Verification]:
-    """Make runs of a suite again in the folder `again`, or resume that, and compare them with a `recorded` folder.
+    """Make runs of a suite again in the folder `repeated`, or resume that, and compare them with a `recorded` folder.
 
     `only` names policies or runs, see `thalweg.bench.execute.runner.selected_runs`. Nothing is written to the recorded
     folder, and neither films nor a report to the other.
@@ -61,18 +61,18 @@ def verify(
     """
     console = console or Console()
     requested = selected_runs(suite, only)
-    if again.resolve() == recorded.resolve():
-        raise ResultsError(f"{again} is the folder to verify; give --out another one, in which the runs are made again")
+    if repeated.resolve() == recorded.resolve():
+        raise ResultsError(f"{repeated} is the folder to verify; give --out another, in which the runs are made again")
     _check_suite(suite, recorded, requested)
     for run in requested:
         _check_recorded(suite, recorded, run)
-    claim(again, suite)
-    context = ExecutionContext(suite, again, backend or RiverBackend(suite), console)
+    claim(repeated, suite)
+    context = ExecutionContext(suite, repeated, backend or RiverBackend(suite), console)
     rows = execute_runs(context, requested, executor or SerialExecutor())
     for run in requested:
         if (row := rows[run.name]).status != "finished":
             raise ResultsError(f"{run.name} cannot be verified: it {row.status} here: {row.error}")
-    return [_compared(suite, recorded, again, run) for run in requested]
+    return [_compared(suite, recorded, repeated, run) for run in requested]
 
 
 def tables_of(suite: Suite, recorded: Path, run: Run) -> list[Table]:
@@ -121,12 +121,12 @@ def _check_recorded(suite: Suite, recorded: Path, run: Run) -> None:
             raise ResultsError(f"{run.name} cannot be verified: there is no {path}")
 
 
-def _compared(suite: Suite, recorded: Path, again: Path, run: Run) -> Verification:
+def _compared(suite: Suite, recorded: Path, repeated: Path, run: Run) -> Verification:
     """Return how a run in one folder compares with that in another."""
-    conditions = other_conditions(_made_under(recorded, run), _made_under(again, run))
+    conditions = other_conditions(_made_under(recorded, run), _made_under(repeated, run))
     parts = []
     for table in tables_of(suite, recorded, run):
-        there, here = (table.path(folder, run.name) for folder in (recorded, again))
+        there, here = (table.path(folder, run.name) for folder in (recorded, repeated))
         part = compare_to_the_bit(table, there, here)
         if part.differences and conditions:
             seeds = [each.name for each in suite.runs() if each.algorithm == run.algorithm]

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, TypedDict, Unpack, get_args
+from typing import Any, Literal, Unpack, get_args
 
 from thalweg.algos.registry import algorithm_named
 from thalweg.core import versions
@@ -37,7 +37,7 @@ from thalweg.train.observations import (
     observation_of_run,
     parts_of_codes,
 )
-from thalweg.train.run import configured, has_asymmetric_critics, run, sees_images
+from thalweg.train.run import CommonExecution, configured, has_asymmetric_critics, run, sees_images
 from thalweg.train.run_in_folder import RunResult, load_policy
 from thalweg.world import Level, Reach, World, level_named, load_or_build
 from thalweg.world.generate.memory import free_bytes
@@ -87,13 +87,10 @@ def banks_version(grounds: Iterable[Level | Reach]) -> dict[str, int]:
 RiverChange = Literal["auto", "fixed", "episode"]
 
 
-class RiverExecution(TypedDict, total=False):
+class RiverExecution(CommonExecution, total=False):
     """Keyword arguments of `RiverTraining.train` for how and where it executes, and with which policy it starts."""
 
     threads: int | None
-    device: str
-    begin_with: Path | None
-    graphs: bool
 
 
 @dataclass(frozen=True)

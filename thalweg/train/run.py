@@ -35,15 +35,21 @@ FEW_UPDATES = 5
 """Fewest updates of a run that is not warned of."""
 
 
-class ExecutionOptions(TypedDict, total=False):
-    """Keyword arguments of `run` for how and where it executes; defaults are those of `Execution`."""
+class CommonExecution(TypedDict, total=False):
+    """Keyword arguments of `run`, and of `RiverTraining.train`, for where it executes and with which policy it
+    starts; defaults are those of `Execution`."""
+
+    device: str
+    begin_with: str | Path | None
+    graphs: bool
+
+
+class ExecutionOptions(CommonExecution, total=False):
+    """Keyword arguments of `run` for how and where it executes."""
 
     progress: bool
     checkpoint_seconds: float
     threads: int
-    device: str
-    begin_with: str | Path | None
-    graphs: bool
 
 
 @dataclass(frozen=True)

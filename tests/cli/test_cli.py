@@ -334,10 +334,10 @@ def test_an_unknown_word_ends_with_status_2(arguments: list[str], capsys: pytest
 
 
 def test_every_command_says_what_becomes_of_an_interrupted_one():
-    kinds = {**COMMANDS, **ENCODER_COMMANDS}
+    kinds = {**COMMANDS, **{f"encoder {name}": kind for name, kind in ENCODER_COMMANDS.items()}}
     assert [name for name, kind in kinds.items() if not issubclass(kind, Command)] == []
     resuming = {name for name, kind in kinds.items() if kind.resumes}
-    assert resuming == {"train", "imitate", "bench", "record", "oracle", "study"}
+    assert resuming == {"train", "imitate", "bench", "record", "oracle", "encoder train", "encoder study"}
 
 
 def test_an_interrupt_explains_how_to_resume(

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from tests.world.real.drawn_files import box, line, planned, polygon, straight, write
-from tests.world.real.geojson_files import EAST, feature, written
+from tests.world.real.geojson_files import feature
 from thalweg.world import World, WorldError, WorldFileError
 from thalweg.world.bridges import Bridge
-from thalweg.world.real.file_river import read_centerline
 
 pytest.importorskip("shapely")
 pytest.importorskip("pyproj")
@@ -19,26 +18,6 @@ RIVER = line(straight(), waterway="river", width="12 m", name="Test River")
 
 def test_the_reader_of_files_has_a_second_name():
     assert World.from_geojson is World.from_file
-
-
-@pytest.mark.parametrize("kind", ["ring", "elevations", "widths", "parts"])
-def test_the_course_of_a_file_is_that_of_its_centre_line(tmp_path, kind):
-    angle = np.linspace(0, 2 * np.pi, 60)
-    ring = (np.array([11.0, 48.0]) + np.column_stack([np.cos(angle), 0.7 * np.sin(angle)]) * 5e-4).tolist()
-    ring[-1] = ring[0]
-    content = {
-        "ring": feature(ring),
-        "elevations": feature([[*place, 9.0 - index] for index, place in enumerate(EAST)]),
-        "widths": feature(EAST, width_m=[8, 9, 10.5, 11, 12]),
-        "parts": feature([EAST[2:], EAST[:2], EAST[1:3]], "MultiLineString"),
-    }[kind]
-    path = written(tmp_path, content)
-    centerline = read_centerline(path)
-    along_line = World.from_centerline(centerline.points, centerline.closed, plants=False).river
-    of_file = planned(path).river
-    np.testing.assert_array_equal(of_file.position_m, along_line.position_m)
-    np.testing.assert_array_equal(of_file.width_m, along_line.width_m)
-    np.testing.assert_array_equal(of_file.level_m, along_line.level_m)
 
 
 def test_two_ways_drawn_against_one_another_are_one_river(tmp_path):

@@ -8,8 +8,8 @@ The policy sees `image` (sensor_msgs/Image, rgb8 or bgr8) and, if it takes one, 
 It chooses a step every `steps.seconds` of the file's metadata, which becomes a velocity on `cmd_vel`
 (geometry_msgs/Twist in m/s and rad/s: x forward, y left, z up, yaw to the left). `speed`, from 0 to 1, is the share of
 the velocity that the step has in the simulator; `patience_s` is the greatest age of an image in seconds, by the
-stamp of its message. The camera should have the field of view and the pitch of the metadata. Refused are policies of
-tasks with a fast step, policies that choose numbers instead of options, and files whose metadata have another format.
+stamp of its message. The camera should have the field of view and the pitch of the metadata. The node refuses policies
+of tasks with a fast step, policies that choose numbers instead of options, and files with another format of metadata.
 """
 
 import json

@@ -18,7 +18,7 @@ def feedback(
     length: float = 5.0,
     lowest: float = 0.0,
 ) -> Feedback:
-    """What is known after `count` fresh episodes that cost as much as each other: `costs` [M]."""
+    """What is known after `count` new episodes that cost as much as each other: `costs` [M]."""
     told = np.tile(np.array(costs, dtype=np.float64), (count, 1))
     return Feedback(
         progress=progress,

@@ -26,8 +26,8 @@ def ci_cases(algorithms: Collection[str]) -> list[Any]:
 def check_reached(case: Case, folder: Path, seeds: int = 1) -> None:
     """Train with the first seeds until most of them have reached the required return within the limit, or cannot.
 
-    More than one seed is for off-policy algorithms: their multipliers and policies take turns about the limit, so that
-    about one run in seven ends above it (benchmarks/known_answer.md); which one depends on how a processor rounds.
+    Off-policy algorithms get several seeds: their cost oscillates about the limit, and on `dense` two of fifteen runs
+    end above it (benchmarks/known_answer.md). Which ones depends on how a processor rounds.
     """
     most, reached, failures = seeds // 2 + 1, 0, []
     for seed in range(seeds):

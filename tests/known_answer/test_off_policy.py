@@ -1,4 +1,4 @@
-"""Tests that off-policy algorithms reach the optimum of a linear programme, in their native space with most seeds.
+"""Tests that off-policy algorithms reach the optimum of a linear programme in their native space, with most seeds.
 
 Each kind of algorithm has a file, so that the kinds can run in parallel. `benchmarks/known_answer.py` runs all spaces
 and problems with five seeds.

@@ -243,8 +243,8 @@ def test_a_window_takes_the_mean_of_the_last_episodes_whenever_they_ended():
         assert one.values == pytest.approx((value,))
 
 
-def test_a_few_fresh_episodes_are_averaged_with_those_before():
-    # three fresh episodes of 0.9 after 57 of 0.1: the mean of the last 30 is (27·0.1 + 3·0.9) / 30 = 0.18
+def test_a_few_new_episodes_are_averaged_with_those_before():
+    # three new episodes of 0.9 after 57 of 0.1: the mean of the last 30 is (27·0.1 + 3·0.9) / 30 = 0.18
     told = replace(feedback(0.9), recent_costs=np.array([[0.1]] * 57 + [[0.9]] * 3))
     one = Multipliers(CONFIG, (0.1,))
     one.update(told)
@@ -285,13 +285,13 @@ def test_one_that_had_time_enough_is_not_called_slow_at_the_end():
     assert one.values == (0.0,) and not one.warnings(broken, 1)
 
 
-def test_fresh_episodes_count_else_the_last_fifty():
+def test_new_episodes_count_else_the_last_fifty():
     told = feedback(0.5)
     assert told.cost_means() == (0.5,)
     older = replace(told, new_costs=told.new_costs[:0], recent_costs=feedback(*[1.0], count=100).recent_costs)
     older.recent_costs[:50] = 0.0
     assert older.cost_means() == (1.0,) and older.cost_means(window=80) == (50 / 80,)
-    assert older.cost_means(least=80) == (1.0,), "of no fresh episode, the last fifty"
+    assert older.cost_means(least=80) == (1.0,), "of no new episode, the last fifty"
     few = replace(told, recent_costs=older.recent_costs)
     assert few.cost_means(least=3) == (0.5,) and few.cost_means(least=80) == (50 / 80,)
     nothing = feedback(0.5, 0.5, count=0)

@@ -75,7 +75,7 @@ def test_the_first_rollout_is_seen_by_its_own_statistics_and_later_ones_by_those
     ids=str,
 )
 def test_the_first_rollout_is_learnt_from_the_policy_that_acted(settings: dict[str, Any], scale: float):
-    """Where a fresh policy already prefers something, observations are seen as acting saw them."""
+    """Where an untrained policy already prefers something, observations are seen as acting saw them."""
     one, obs, never = agent(**settings), scale * observations(1), torch.zeros(N, dtype=torch.bool)
     acted = one.policy.distribution(obs[:-1].flatten(0, 1))
     assert torch.equal(one.act(obs[0], never) >= 0, torch.ones(N, 1, dtype=torch.bool))

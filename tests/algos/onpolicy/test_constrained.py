@@ -158,14 +158,14 @@ def test_ppo_is_deaf_to_the_cost():
 
 
 @pytest.mark.parametrize("name", [n for n, e in ALGORITHMS.items() if issubclass(e.config, OnPolicyConfig)])
-def test_a_cost_window_or_the_fresh_episodes_and_enough_are_what_the_mean_is_taken_over(name: str):
+def test_a_cost_window_or_the_new_episodes_and_enough_are_what_the_mean_is_taken_over(name: str):
     if "cost_window" not in ALGORITHMS[name].config.__dataclass_fields__:
         pytest.skip("has no limit")
     lagging = dataclasses.replace(feedback(0.8), recent_costs=np.array([[0.0]] * 9 + [[0.8]]))
-    fresh, window = (learner_for(name, cost_window=size, cost_episodes=3) for size in (0, 10))
+    new, window = (learner_for(name, cost_window=size, cost_episodes=3) for size in (0, 10))
     least = learner_for(name, cost_episodes=5)
     assert least.update(tempted(least, 0), lagging)["cost_mean"] == pytest.approx(0.16)
-    assert fresh.update(tempted(fresh, 0), lagging)["cost_mean"] == pytest.approx(0.8)
+    assert new.update(tempted(new, 0), lagging)["cost_mean"] == pytest.approx(0.8)
     assert window.update(tempted(window, 0), lagging)["cost_mean"] == pytest.approx(0.08)
 
 

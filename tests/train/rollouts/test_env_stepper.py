@@ -271,11 +271,9 @@ def test_rates_count_violated_episodes_per_step():
 def test_costs_are_those_of_the_fresh_and_of_the_last_hundred_episodes():
     book, episodes = walked(300)
     book.since_update = episodes[-3:]
-    fresh, recent, largest = book.costs(separate=False)
+    new, recent, largest = book.costs(separate=False)
     assert len(episodes) > 100
-    assert fresh.tolist() == [[e.cost] for e in episodes[-3:]] and recent.tolist() == [
-        [e.cost] for e in episodes[-100:]
-    ]
+    assert new.tolist() == [[e.cost] for e in episodes[-3:]] and recent.tolist() == [[e.cost] for e in episodes[-100:]]
     assert largest == (1.0,)
 
 
@@ -301,5 +299,5 @@ def test_the_lowest_cost_is_that_of_fifty_episodes_in_a_row():
 
 
 def test_before_any_episode_there_are_no_costs():
-    fresh, recent, largest = EpisodeStatistics(8, [""] * 8).costs(separate=True)
-    assert fresh.shape == recent.shape == (0, 2) and largest == (0.0, 0.0)
+    new, recent, largest = EpisodeStatistics(8, [""] * 8).costs(separate=True)
+    assert new.shape == recent.shape == (0, 2) and largest == (0.0, 0.0)

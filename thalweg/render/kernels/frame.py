@@ -31,7 +31,7 @@ f32 = np.float32
 
 @kernel
 def empty_buffers(height, width, drawn):
-    """Fresh `Buffers` of a frame of which `drawn` is asked for (see `Output`).
+    """Return new `Buffers` of a frame of which `drawn` is asked for (see `Output`).
 
     Each is [H', W'], but those of radiance are [0, 0] where no colours are asked for.
 

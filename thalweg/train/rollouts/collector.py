@@ -185,7 +185,7 @@ def world_names(env: Any) -> list[str]:
     worlds, index = getattr(base, "worlds", None), getattr(base, "world_index", None)
     if worlds is None or index is None:
         return [""] * env.num_envs
-    return [f"{worlds[i].name}-{worlds[i].seed}" for i in index]
+    return [worlds[i].label for i in index]
 
 
 def done_reason_names(env: Any) -> Mapping[int, str]:

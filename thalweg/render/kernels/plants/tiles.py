@@ -56,7 +56,7 @@ class TileRows(NamedTuple):
 
 @kernel
 def empty_tiles(rows, columns, together):
-    """Fresh `Tiles` for so many rows and columns of pixels; `together`: rows of pixels that share a sample."""
+    """Return new `Tiles` for so many rows and columns of pixels; `together`: rows of pixels that share a sample."""
     high = (rows + SIDE * together - 1) // (SIDE * together)
     wide = (columns + SIDE - 1) // SIDE
     size = high * wide * SAMPLES * together
@@ -75,7 +75,7 @@ def empty_tiles(rows, columns, together):
 
 @kernel
 def empty_cover(rows, columns, together):
-    """Fresh `Tiles` as those of `empty_tiles`, but with no radiance."""
+    """Return new `Tiles` as those of `empty_tiles`, but with no radiance."""
     high = (rows + SIDE * together - 1) // (SIDE * together)
     wide = (columns + SIDE - 1) // SIDE
     size = high * wide * SAMPLES * together

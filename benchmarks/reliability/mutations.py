@@ -159,7 +159,7 @@ def mutated_json(content: bytes, random: Random) -> bytes:
 def mutated_yaml(content: bytes, random: Random) -> bytes:
     """Return YAML of a mutated tree, or with bytes mutated, or with anchors that refer to themselves or multiply.
 
-    Raises the errors of PyYAML, also for a tree of anchors that multiply.
+    Raises the errors of PyYAML, also for a tree of anchors that multiply, and `UnicodeDecodeError`.
     """
     choice = random.random()
     if choice < 0.4:

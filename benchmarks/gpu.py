@@ -32,7 +32,7 @@ from thalweg.cli.options import settings_from
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.compute.device import DeviceError, resolve_device
 from thalweg.encoder import Encoder, load_encoder
-from thalweg.env import EnvConfig, sample_starts
+from thalweg.env import EnvConfig, sample_starts, tasks
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.render import Renderer
 from thalweg.render.records.appearance import look_rows, look_values
@@ -204,6 +204,17 @@ def time_rules(table: Table, clock: Clock, worlds: Sequence[World], counts: Sequ
         table.add("step", clock.rate(partial(env.step, actions), count), "steps/s", cameras=count, worlds=len(worlds))
 
 
+def time_tasks(table: Table, clock: Clock, worlds: Sequence[World], counts: Sequence[int]) -> None:
+    """Time steps of tasks with their frames of full quality; all but `River` have objects in them."""
+    for task in tasks.TASKS:
+        for count in while_there_is_time(clock, counts):
+            env = TensorRiverEnv(worlds, count, EnvConfig(task=task), device=str(clock.device))
+            env.reset(seed=0)
+            actions = torch.ones((count, 4), dtype=torch.int64, device=clock.device)
+            rate = clock.rate(partial(env.step, actions), count)
+            table.add(f"fly {task}", rate, "steps/s", quality="full", cameras=count, worlds=len(worlds))
+
+
 def time_training(
     table: Table,
     clock: Clock,
@@ -299,6 +310,7 @@ def main() -> int:
             time_frames(table, clock, pool[:count], given.cameras)
             time_rules(table, clock, pool[:count], given.cameras)
         batches = [count for count in given.cameras if count <= 4096]
+        time_tasks(table, clock, pool[: given.worlds[0]], batches[-1:])
         for index, count in enumerate(while_there_is_time(clock, given.worlds)):
             learners = LEARNERS if index == 0 else LEARNERS[:1]
             time_training(table, clock, pool[:count], batches, encoder, learners, settings)

@@ -170,8 +170,9 @@ def gpu_speed() -> str:
     checked, flown = apart["pixels alike", "full"], apart["steps alike", ""]
     note = wrap(
         f"Environment steps or frames a second, of all together, on an {rows[0]['card']} with 16 processor cores."
-        f" `encode` is the encoder alone, `step` the rules alone, and `train` draws frames of full quality, encodes"
-        f" them, acts and learns. Of {checked['cameras']} frames in {checked['worlds']} rivers"
+        f" `encode` is the encoder alone, `step` the rules alone, `fly` the rules of a task with its"
+        f" frames of full quality, and `train` draws such frames, encodes them, acts and learns. Of"
+        f" {checked['cameras']} frames in {checked['worlds']} rivers"
         f" {pixels['full']:.4%} of the pixels of full quality and {pixels['fast']:.4%} of the fast one differ from the"
         f" CPU's by more than 2 of 255; {1.0 - float(apart['steps alike', '']['figure']):.4%} of the steps of"
         f" {int(flown['cameras']):,} environments have another reward, cost or reason, and poses are within"

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks import gpu
 from thalweg.bench.csv_files import read_csv
+from thalweg.env.tasks import TASKS
 from thalweg.world import World
 
 
@@ -35,9 +36,10 @@ def test_it_checks_and_times_everything(brief: Path):
     assert {row["holds"] for row in rows if row["wanted"]} == {"yes"}
     for worlds in ("1", "2"):
         timed = [row for row in rows if not row["wanted"] and row["worlds"] == worlds]
-        learners = gpu.LEARNERS if worlds == "1" else gpu.LEARNERS[:1]
-        trained = [f"train {name}" for name in learners]
-        assert [row["what"] for row in timed] == ["render", "encode", "render", "step", *trained]
+        first = worlds == "1"
+        flown = [f"fly {task}" for task in TASKS if first]
+        trained = [f"train {name}" for name in (gpu.LEARNERS if first else gpu.LEARNERS[:1])]
+        assert [row["what"] for row in timed] == ["render", "encode", "render", "step", *flown, *trained]
         assert all(float(row["figure"]) > 0 and row["cameras"] == "2" for row in timed)
 
 

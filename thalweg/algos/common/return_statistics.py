@@ -64,21 +64,34 @@ class ReturnStatistics:
         widening = margin * (self.high - self.low)
         return self.low - widening, self.high + widening
 
-    def update(self, signals: np.ndarray, terminated: np.ndarray, truncated: np.ndarray, valid: np.ndarray) -> None:
+    def update(
+        self,
+        signals: np.ndarray,
+        fresh: np.ndarray,
+        terminated: np.ndarray,
+        truncated: np.ndarray,
+        valid: np.ndarray,
+    ) -> None:
         """Add T steps of N environments.
 
         Args:
             signals: x [T, N, S], reward and costs.
+            fresh: [T, N] bool, whether an episode begins with this step. An episode before it that never ended, as when
+                a run resumes with new ones, is forgotten.
             terminated: [T, N] bool, whether an episode ended by itself in this step.
             truncated: [T, N] bool, whether it was cut off after this step.
             valid: [T, N] bool; false for a step that only reset an environment.
         """
         before = len(self._recent)
         recent = np.concatenate([self._recent, signals.astype(np.float32)])
-        for step, env in np.argwhere(terminated | truncated | ~valid).tolist():
-            if valid[step, env]:
-                self._add(recent[self._begin[env] : before + step + 1, env], cut=not terminated[step, env])
-            self._begin[env] = before + step + 1
+        for step, env in np.argwhere(fresh | terminated | truncated | ~valid).tolist():
+            row = before + step
+            if fresh[step, env]:
+                self._begin[env] = row
+            if terminated[step, env] or truncated[step, env] or not valid[step, env]:
+                if valid[step, env]:
+                    self._add(recent[self._begin[env] : row + 1, env], cut=not terminated[step, env])
+                self._begin[env] = row + 1
         for env in np.flatnonzero(len(recent) - self._begin >= LONGEST).tolist():
             self._add(recent[self._begin[env] :, env], cut=True)
             self._begin[env] = len(recent)

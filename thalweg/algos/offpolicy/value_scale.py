@@ -60,8 +60,8 @@ class ValueScale:
     def update(self, rollout: Rollout, costs: Tensor) -> None:
         """Add the steps of a rollout, with costs [T, N, M] as critics learn them."""
         signals = torch.cat([rollout.rewards.unsqueeze(-1), costs], -1).cpu().numpy()
-        ends = (mask.cpu().numpy() for mask in (rollout.terminated, rollout.truncated, rollout.valid))
-        self.statistics.update(signals, *ends)
+        masks = (rollout.fresh[:-1], rollout.terminated, rollout.truncated, rollout.valid)
+        self.statistics.update(signals, *(mask.cpu().numpy() for mask in masks))
         self._refresh()
 
     def scaled(self, signals: Tensor) -> Tensor:

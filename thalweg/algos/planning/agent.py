@@ -78,8 +78,8 @@ class Agent:
         self._steps += int(rollout.valid.sum())
         self.lengths.update(rollout)
         self.ending_costs.update(rollout)
-        ends = (mask.cpu().numpy() for mask in (rollout.terminated, rollout.truncated, rollout.valid))
-        self.returns.update(rollout.rewards.unsqueeze(-1).cpu().numpy(), *ends)
+        masks = (rollout.fresh[:-1], rollout.terminated, rollout.truncated, rollout.valid)
+        self.returns.update(rollout.rewards.unsqueeze(-1).cpu().numpy(), *(mask.cpu().numpy() for mask in masks))
         batch = self._builder.transitions(rollout, self.policy.obs_size)
         if len(batch.rewards):
             require_finite(sum_of_rewards_and_costs=float(batch.rewards.sum() + batch.costs.sum()))

@@ -208,6 +208,17 @@ def test_the_weight_of_the_kl_falls_linearly_to_zero():
 
 
 @MEMORIES
+def test_the_kl_is_to_what_the_first_policy_draws_at_its_temperature(memory: dict[str, Any]):
+    learner = learner_for("PPO", **memory)
+    origin = learner.policy.origin
+    origin.temperature = 0.5
+    learner.policy.initialise_from(origin)
+    assert kl_from_origin(learner, rollout(learner)) == pytest.approx(0.0, abs=1e-6)
+    origin.temperature = 1.0
+    assert kl_from_origin(learner, rollout(learner)) > 1e-4
+
+
+@MEMORIES
 @pytest.mark.parametrize("name", ON_POLICY)
 def test_the_kl_is_zero_at_first_and_logged(name: str, memory: dict[str, Any]):
     learner = learner_for(name, imitation_kl=1.0, critic_warmup_steps=N * T, **memory)

@@ -197,6 +197,25 @@ def test_a_policy_draws_at_its_temperature_and_keeps_it_in_its_file(tmp_path):
         assert each.act(obs[:9], deterministic=True).tolist() == [1] * 9
 
 
+@pytest.mark.parametrize(("mine", "others"), [(1.0, 0.5), (0.5, 1.0), (0.5, 2.0), (0.5, 0.5)])
+@pytest.mark.parametrize("memory", [0, 4])
+def test_a_policy_that_starts_from_one_with_another_temperature_draws_as_that_one(
+    memory: int, mine: float, others: float
+):
+    space = SPACES["uneven"]
+    first, then = (policy_for(space, temperature=temperature, memory=memory) for temperature in (others, mine))
+    with torch.no_grad():
+        for part in first.actor.parameters():
+            part += torch.randn(part.shape, generator=torch.Generator().manual_seed(2))
+    then.initialise_from(first)
+    players = [policy.player(64) for policy in (first, then)]
+    for player in players:
+        player(observations(), np.ones(64, bool))
+    said: list[Any] = [player.log_probs() for player in players]
+    assert np.ptp(said[0][:, 0, :2]) > 1.0
+    np.testing.assert_allclose(said[1], said[0], atol=1e-5)
+
+
 def test_a_greedy_policy_never_draws():
     greedy, drawing = (policy_for(SPACES["MultiDiscrete"], greedy=greedy) for greedy in (True, False))
     expected = drawing.act(observations(), deterministic=True)

@@ -25,7 +25,12 @@ class Imitated:
 
     @torch.no_grad()
     def parameters(self, rollout: Rollout) -> Tensor:
-        """Return the parameters [T * N, P] of its distribution at each step; the next rollout must follow this one."""
+        """Return the parameters [T * N, P] of its distribution at each step, divided by its temperature; the next
+        rollout must follow this one."""
+        return self._outputs(rollout) / self.policy.temperature
+
+    def _outputs(self, rollout: Rollout) -> Tensor:
+        """Return the outputs [T * N, P] of the network at each step."""
         steps, count = rollout.valid.shape
         actor, inputs = self.policy.actor, self.policy.normaliser(rollout.obs[:-1].flatten(0, 1))
         if self.hidden is None:

@@ -195,6 +195,11 @@ class StackedMLP(nn.Module):
         """Weight and bias of each layer, as detached views of the parameters."""
         return self.views.layers
 
+    def scale_outputs(self, factor: float) -> None:
+        """Multiply all outputs by a factor, by the weights and biases of the last layer."""
+        for part in self.layers[-1]:
+            part.mul_(factor)
+
     def _views_of(self, name: str, flat: Tensor) -> LayerViews:
         """Return views of a vector that is laid out like the parameters, cached until the vector moves in memory."""
         views = self._views.get(name)

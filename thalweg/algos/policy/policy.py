@@ -132,7 +132,8 @@ class Policy:
         return self.actions.distribution(self.actor(inputs))
 
     def initialise_from(self, other: Any) -> None:
-        """Copy the network and the statistics of observations of another policy.
+        """Copy the network and the statistics of observations of another policy, so that both have the same
+        distribution: of policies with different temperatures, the network's outputs differ by the same factor.
 
         Raises `AlgorithmError` for a planner, which has no such network, and for a policy of another kind, naming each
         setting that differs.
@@ -146,6 +147,8 @@ class Policy:
         if differing:
             raise AlgorithmError(f"a policy can't start from one of another kind: {'; '.join(differing)}")
         load_module(self.actor, module_state(other.actor))
+        if self.temperature != other.temperature:
+            self.actor.stack.scale_outputs(self.temperature / other.temperature)
         self.normaliser.load_state(other.normaliser.state())
         self.origin = other
 

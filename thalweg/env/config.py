@@ -267,7 +267,8 @@ class EnvConfig:
             raise ValueError(f"dynamics='inertial' needs action='continuous', not {self.action!r}")
         inertial = self.inertia if self.dynamics == "inertial" else None
         steps = self.step_s, self.lateral_step_m, self.forward_step_m
-        check_forces(steps, inertial, self.wind, self.current_m_per_s, self.carried_by_current)
+        afloat = self.carried_by_current or (self.vehicle == "asv" and self.current_m_per_s is not None)
+        check_forces(steps, inertial, self.wind, self.current_m_per_s, afloat)
         return self
 
     def with_options(self, **options: Any) -> "EnvConfig":

@@ -75,6 +75,8 @@ def test_what_inertia_holds_follows_from_its_drag():
         ({"carried_by_current": True}, "carried_by_current needs a current: set current_m_per_s"),
         ({"wind": Wind(), "step_s": 0.0}, "step_s must be above 0 for wind, current and inertial dynamics"),
         ({"current_m_per_s": 5.0, "carried_by_current": True}, "current_m_per_s = 5 is faster .* its own speed, 4 m/s"),
+        ({"current_m_per_s": 5.0, "vehicle": "asv"}, "current_m_per_s = 5 is faster .* its own speed, 4 m/s"),
+        ({"current_m_per_s": 1.0, "vehicle": "asv", "step_s": 0.0}, "step_s must be above 0 for wind, current and"),
         ({"wind": 3.0}, "wind must be a Wind or None, got 3.0"),
     ],
 )

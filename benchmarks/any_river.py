@@ -15,17 +15,19 @@ over all interruptions, and the greatest memory of the process that ended it.
 """
 
 import argparse
+import hashlib
 import itertools
 import multiprocessing
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from page_sections import replace_section
-from river_flights import RESULTS, append, figures_of, fly, mean_return
+from river_flights import RESULTS, append, figures_of, fly, fly_cells, mean_return
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.baselines import BASELINES, Policy
@@ -39,6 +41,7 @@ from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.cache import file_hash
 from thalweg.core.machine import machine_info
+from thalweg.core.parent_process import end_with_parent
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train import load_policy
 from thalweg.train.folder.run_record import POLICY
@@ -121,8 +124,9 @@ class Cell:
 
 
 def student_folder(runs: Path, cell: Cell) -> Path:
-    """Return the folder in which the student of a cell is trained."""
-    return runs / f"{cell.policy.replace('+', '-')}-{cell.steps}-{cell.seed}"
+    """Return the folder in which the student of a cell is trained, another one for everything that it depends on."""
+    made_with = hashlib.sha256(repr((WORLD_SEEDS, VERSIONS)).encode()).hexdigest()[:8]
+    return runs / f"{cell.policy.replace('+', '-')}-{cell.steps}-{cell.seed}-{made_with}"
 
 
 def trained(runs: Path, cell: Cell, table: Path, device: str = "cpu") -> Path:
@@ -134,7 +138,7 @@ def trained(runs: Path, cell: Cell, table: Path, device: str = "cpu") -> Path:
             folder, steps=cell.steps, seed=cell.seed, world_seeds=WORLD_SEEDS, settings=settings, device=device
         )
         # A process of its own, whose greatest memory is that of this training alone.
-        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), end_with_parent) as pool:
             minutes, peak = pool.submit(timed, imitation).result()
         append(table, TRAINING_COLUMNS, training_row(cell, minutes, peak))
     return folder
@@ -202,7 +206,7 @@ def levels_of(kind: str) -> tuple[str, ...]:
     return tuple(RIVERS) if kind == "real" else LEVELS
 
 
-def main() -> None:
+def main() -> str | None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS))
     parser.add_argument("--observations", nargs="+", choices=(TEACHER, *OBSERVATIONS), default=[TEACHER, *OBSERVATIONS])
@@ -223,13 +227,14 @@ def main() -> None:
     if given.write:
         page = replace_section(PAGE.read_text(encoding="utf-8"), SECTION, page_table(rows) + "\n")
         write_atomic(PAGE, page)
-        return
+        return None
     done = {tuple(row[name] for name in KEY) for row in rows}
     if given.policy:
         students = [(file_hash(policy_file(given.policy)), 0, 0)]
     else:
         students = [(seen, given.steps, seed) for seen in given.observations if seen != TEACHER for seed in given.seeds]
         students += [(TEACHER, 0, 0)] if TEACHER in given.observations else []
+    failures = []
     for student in students:
         planned = planned_cells(student, given.kinds, given.levels, given.episodes)
         cells = [cell for cell in planned if cell.key not in done]
@@ -238,7 +243,9 @@ def main() -> None:
             teacher = student[0] == TEACHER
             trainings = given.out.with_name(f"{given.out.stem}_trainings.csv")
             path = None if teacher else given.policy or trained(given.runs, cells[0], trainings, given.device)
-            _fly_all(cells, path, given.jobs, given.out)
+            flights = {" ".join(cell.key): partial(measure, cell, path) for cell in cells}
+            failures += fly_cells(flights, given.jobs, given.out, COLUMNS)
+    return "\n".join(failures) or None
 
 
 def planned_cells(
@@ -254,14 +261,5 @@ def planned_cells(
     ]
 
 
-def _fly_all(cells: Sequence[Cell], path: Path | None, jobs: int, table: Path) -> None:
-    """Fly cells with the policy of a file or folder, and append a row as each ends."""
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
-        for ended in as_completed([pool.submit(measure, cell, path) for cell in cells]):
-            row = ended.result()
-            append(table, COLUMNS, row)
-            print(*(f"{name} {row[name]}" for name in COLUMNS), flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

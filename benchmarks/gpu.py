@@ -31,6 +31,7 @@ from thalweg.bench.csv_files import csv_text
 from thalweg.cli.options import settings_from
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.compute.device import DeviceError, resolve_device
+from thalweg.core.parent_process import end_with_parent
 from thalweg.encoder import Encoder, load_encoder
 from thalweg.env import EnvConfig, sample_starts, tasks
 from thalweg.env.torch_env import TensorRiverEnv
@@ -112,7 +113,7 @@ def build_river(seed: int) -> int:
 
 def rivers(count: int) -> list[World]:
     """Return Medium's rivers of the first seeds, built on all cores."""
-    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), end_with_parent) as pool:
         return [load_or_build("Medium", seed) for seed in pool.map(build_river, range(count))]
 
 

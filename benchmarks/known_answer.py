@@ -8,15 +8,20 @@ finishes, so that an interrupted benchmark resumes; an interrupted run resumes t
 fails is a row with its error, and the next call runs it again. The requirements and settings of each algorithm are data
 in `tests/known_answer/harness.py`: rows with other steps, settings (or defaults) or problems are dropped and run again.
 Each row names the versions of the algorithm and of training (`thalweg/core/versions.py`) that produced it; `--again`
-runs the rows of an algorithm again.
+removes the rows and runs of an algorithm, as far as they are selected, and runs them again. Two commands may run at
+once.
 """
 
 import argparse
 import multiprocessing
+import shutil
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+
+from filelock import FileLock
 
 # The rows come first: they let the problems, which are part of the tests, be imported.
 from known_answer_page import page, written_pages
@@ -26,6 +31,7 @@ from tests.known_answer.harness import ACTION_SETUPS, REQUIREMENTS, Case, cases,
 from tests.known_answer.problems import PROBLEMS
 from thalweg.bench.csv_files import csv_text
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.parent_process import end_with_parent
 
 
 def measure(case: Case, seed: int, runs: Path) -> dict[str, str]:
@@ -59,6 +65,21 @@ def write(path: Path, rows: Table) -> None:
     write_atomic(path, csv_text(COLUMNS, ([rows[name][column] for column in COLUMNS] for name in sorted(rows))))
 
 
+def put(path: Path, row: dict[str, str]) -> None:
+    """Write a row into the table, in place of that of the same run; other commands may write theirs meanwhile."""
+    with FileLock(path.with_name(".lock")):
+        write(path, finished(path) | {tuple(row[name] for name in KEY): row})
+
+
+def forget(path: Path, again: Sequence[tuple[Case, int]], runs: Path) -> None:
+    """Remove the rows and folders of runs, so that they are run again."""
+    for case, seed in again:
+        shutil.rmtree(runs / folder_name(case, seed), ignore_errors=True)
+    names = {key(case, seed) for case, seed in again}
+    with FileLock(path.with_name(".lock")):
+        write(path, {name: row for name, row in finished(path).items() if name not in names})
+
+
 def main() -> str | None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
@@ -88,26 +109,29 @@ def main() -> str | None:
         for target, text in written_pages(rows, chosen.seeds).items():
             write_atomic(target, text)
         return None
-    rows = {name: row for name, row in finished(path).items() if row["algorithm"] not in chosen.again}
     chosen_cases = [case for case in cases(chosen.only, chosen.problems) if case.action_setup in chosen.spaces]
     planned = [(case, seed) for seed in range(chosen.seeds) for case in chosen_cases]
-    unfinished = remaining(planned, rows)
+    if again := [(case, seed) for case, seed in planned if case.algorithm in chosen.again]:
+        forget(path, again, chosen.runs)
+    unfinished = remaining(planned, finished(path))
     print(f"{len(planned) - len(unfinished)} of {len(planned)} runs are finished", flush=True)
     failed = 0
-    with ProcessPoolExecutor(chosen.jobs, multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(chosen.jobs, multiprocessing.get_context("spawn"), end_with_parent) as pool:
         futures = {pool.submit(measure, case, seed, chosen.runs): (case, seed) for case, seed in unfinished}
         for ended in as_completed(futures):
             case, seed = futures[ended]
             error = ended.exception()
-            row = rows[key(case, seed)] = ended.result() if error is None else failure(case, seed, error)
-            write(path, rows)
+            if isinstance(error, BrokenProcessPool):
+                return f"a process was killed, perhaps for want of memory: {error}; the same command goes on"
+            row = ended.result() if error is None else failure(case, seed, error)
+            put(path, row)
             result = None if error else result_of(case, row)
             failed += result is None
             outcome = (
                 f"share {result.share:.3f}, costs {row['costs']}, reached {result.reached}" if result else row["error"]
             )
             print(f"{case.algorithm}, {case.action_setup}, {case.problem}, seed {seed}: {outcome}", flush=True)
-    write_atomic(chosen.out / "known_answer.md", page(rows, chosen.seeds))
+    write_atomic(chosen.out / "known_answer.md", page(finished(path), chosen.seeds))
     return f"{failed} runs failed" if failed else None
 
 

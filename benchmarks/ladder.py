@@ -17,9 +17,7 @@ its cell is flown again. An arm that fails is named at the end, and the others g
 import argparse
 import fnmatch
 import multiprocessing.connection
-import os
 import sys
-import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -34,6 +32,7 @@ from river_flights import RESULTS, append, figures_of, fly
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.evaluation import Label
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.parent_process import end_with_parent
 from thalweg.encoder import Encoder
 from thalweg.env import EnvConfig
 from thalweg.render.records.randomisation import Randomisation
@@ -144,19 +143,6 @@ def status_of(tasks: Sequence[Task], jobs: int, table: Path) -> int:
     failures = work_through(tasks, jobs, table)
     print(*(f"failed: {line}" for line in failures), sep="\n", end="\n" if failures else "", file=sys.stderr)
     return int(bool(failures))
-
-
-def end_with_parent() -> None:
-    """End this process as soon as its parent ends, however that was: the same command may train in the same folder."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    threading.Thread(target=_exit_with, args=(parent.sentinel,), daemon=True).start()
-
-
-def _exit_with(sentinel: int) -> None:
-    """Wait for another process to end, then end this one."""
-    multiprocessing.connection.wait([sentinel])
-    os._exit(1)
 
 
 def missing_cells(arm: Arm, rows: Sequence[Mapping[str, str]], episodes: int, kinds: Sequence[str]) -> list[Cell]:

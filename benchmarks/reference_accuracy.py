@@ -30,6 +30,7 @@ from thalweg.bench.pictures.gallery import strip
 from thalweg.core import versions
 from thalweg.core.atomic_io import atomic_path
 from thalweg.core.cache import cache_dir
+from thalweg.core.parent_process import end_with_parent
 from thalweg.env import sample_starts
 from thalweg.render import Camera, Frame, Renderer
 from thalweg.render.reference import frame as reference
@@ -194,7 +195,7 @@ def main() -> str | None:
     ours = draw(planned)
     rows = finished(chosen.out / "reference_accuracy.csv", planned)
     # Spawned, not forked, since threads of the renderer run here.
-    with ProcessPoolExecutor(chosen.processes, multiprocessing.get_context("spawn")) as pool:
+    with ProcessPoolExecutor(chosen.processes, multiprocessing.get_context("spawn"), end_with_parent) as pool:
         waiting = {
             pool.submit(draw_reference, case): case for case in planned[: chosen.poses] if case.number not in rows
         }

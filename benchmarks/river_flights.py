@@ -1,7 +1,9 @@
 """Flights of a policy on many rivers: several rivers together, the figures of their episodes, and tables that grow."""
 
 import csv
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
 from thalweg.bench.results.inference import Estimate, t_interval
+from thalweg.core.parent_process import end_with_parent
 from thalweg.encoder import Encoder
 from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
 
@@ -69,6 +72,26 @@ def mean_return(rows: Sequence[Mapping[str, str]]) -> Estimate:
     per_seed = np.array([float(row["return"]) for row in rows])
     found = t_interval(float(per_seed.mean()), per_seed)
     return Estimate(found.value, max(found.low, 0.0), min(found.high, FULL_COURSE_REWARD))
+
+
+def fly_cells(
+    cells: Mapping[str, Callable[[], Mapping[str, str]]], jobs: int, table: Path, columns: Sequence[str]
+) -> list[str]:
+    """Fly cells, `jobs` at a time, and append the row of each to the table as it ends.
+
+    `cells`: by their names, functions that return a row. Returns a line for each cell that failed.
+    """
+    failures = []
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), end_with_parent) as pool:
+        flown = {pool.submit(cell): name for name, cell in cells.items()}
+        for ended in as_completed(flown):
+            if (error := ended.exception()) is not None:
+                failures.append(f"{flown[ended]} failed: {type(error).__name__}: {error}")
+                continue
+            row = ended.result()
+            append(table, columns, row)
+            print(*(f"{name} {row[name]}" for name in columns), flush=True)
+    return failures
 
 
 def append(path: Path, columns: Sequence[str], row: Mapping[str, str]) -> None:

@@ -12,10 +12,9 @@ flights that end in a violation without the shield and in none with it, `harmed`
 """
 
 import argparse
-import multiprocessing
+import sys
 from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ import numpy as np
 import torch
 from any_river import LEVELS, Cell
 from page_sections import replace_section
-from river_flights import RESULTS, append, figures_of, joined
+from river_flights import RESULTS, figures_of, fly_cells, joined
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.baselines import BASELINES, Policy, Sight
@@ -169,7 +168,7 @@ def row_of(flights: dict[str, list[Episode]], watch: Watch) -> dict[str, str]:
     return row
 
 
-def main() -> None:
+def main() -> str | None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--policies", nargs="*", choices=list(POLICIES), default=None)
     parser.add_argument("--policy", action="append", default=[], help="NAME=PATH of another policy")
@@ -187,7 +186,7 @@ def main() -> None:
     if given.write:
         page = replace_section(PAGE.read_text(encoding="utf-8"), SECTION, page_tables(rows) + "\n")
         write_atomic(PAGE, page)
-        return
+        return None
     named = [text.partition("=") for text in given.policy]
     names = given.policies if given.policies is not None else ([] if named else list(POLICIES))
     policies = [(name, None) for name in names] + [(name, Path(path)) for name, _, path in named]
@@ -200,11 +199,8 @@ def main() -> None:
     ]
     pairs = [pair for pair in planned if pair.key not in done]
     print(f"{len(pairs)} of {len(planned)} cells are to be flown", flush=True)
-    with ProcessPoolExecutor(given.jobs, multiprocessing.get_context("spawn")) as pool:
-        for ended in as_completed([pool.submit(pair.fly) for pair in pairs]):
-            row = ended.result()
-            append(given.out, COLUMNS, row)
-            print(*(f"{name} {row[name]}" for name in COLUMNS), flush=True)
+    failures = fly_cells({" ".join(pair.key): pair.fly for pair in pairs}, given.jobs, given.out, COLUMNS)
+    return "\n".join(failures) or None
 
 
 def page_tables(rows: Sequence[dict[str, str]]) -> str:
@@ -257,4 +253,4 @@ def _vetoes(row: dict[str, str], prefix: str = "") -> int:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

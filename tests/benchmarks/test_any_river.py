@@ -3,6 +3,8 @@
 import csv
 import importlib
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -135,6 +137,29 @@ def test_a_cell_that_has_a_row_is_not_flown_again(
     assert capsys.readouterr().out == "rgb 9 0: 0 of 1 cells are to be flown\n"
     with open(table, newline="") as file:
         assert len(list(csv.DictReader(file))) == 2
+
+
+def test_a_cell_that_fails_is_named_and_the_rows_of_the_others_are_written(
+    script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    flights = sys.modules["river_flights"]
+    monkeypatch.setattr(flights, "ProcessPoolExecutor", lambda jobs, *_: ThreadPoolExecutor(jobs))
+    cells: Any = {str(place): partial(divmod, 7, place) for place in (2, 0, 3)}
+    monkeypatch.setattr(flights, "append", lambda table, columns, row: table.open("a").write(f"{row}\n"))
+    failed = flights.fly_cells(cells, 1, tmp_path / "table", ())
+    assert failed == ["0 failed: ZeroDivisionError: integer division or modulo by zero"]
+    assert (tmp_path / "table").read_text() == "(3, 1)\n(2, 1)\n"
+
+
+def test_students_of_other_versions_or_rivers_have_folders_of_their_own(
+    script: ModuleType, cell: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    folders = [script.student_folder(tmp_path, cell)]
+    monkeypatch.setitem(script.VERSIONS, "imitation", 0)
+    folders.append(script.student_folder(tmp_path, cell))
+    monkeypatch.setattr(script, "WORLD_SEEDS", "1:3")
+    folders.append(script.student_folder(tmp_path, cell))
+    assert len(set(folders)) == 3 and folders[-1] == script.student_folder(tmp_path, cell)
 
 
 def test_the_table_has_means_and_intervals_over_seeds(script: ModuleType):

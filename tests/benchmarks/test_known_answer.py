@@ -2,6 +2,8 @@
 
 import importlib
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -136,6 +138,54 @@ def test_the_section_of_an_algorithm_names_the_seeds_that_miss(
     assert table.section({}, "CPO") == "No run of today's defaults yet.\n"
     only = {script.key(native, 0): script.failure(native, 0, ValueError("broken"))}
     assert "| failed | 0 of 1 | seed 0 failed |" in " ".join(table.section(only, "CPO").split())
+
+
+def run(script: ModuleType, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str | None:
+    """Call the script with its runs in threads of this process."""
+    monkeypatch.setattr(script, "ProcessPoolExecutor", lambda jobs, *_: ThreadPoolExecutor(jobs))
+    monkeypatch.setattr(sys, "argv", ["known_answer.py", "--spaces", "multidiscrete", "--seeds", "1", *arguments])
+    return script.main()
+
+
+def test_again_runs_what_is_selected_and_keeps_all_other_rows(
+    script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    best = {problem: reference(replace(CELL, problem=problem)) for problem in ("end", "two")}
+    trained: list[tuple[str, bool]] = []
+
+    def train(case: Case, seed: int, folder: Path) -> Result:
+        trained.append((case.problem, folder.exists()))
+        folder.mkdir(parents=True)
+        return Result(case, Score.of(best[case.problem]), best[case.problem])
+
+    monkeypatch.setattr(script, "trained", train)
+    places = ["--out", str(tmp_path), "--runs", str(tmp_path / "runs"), "--only", CELL.algorithm]
+    assert run(script, monkeypatch, *places, "--problems", "end", "two") is None
+    kept = script.finished(tmp_path / "known_answer.csv")
+    again = [*places, "--problems", "end", "--again", CELL.algorithm]
+    assert run(script, monkeypatch, *again) is None and script.finished(tmp_path / "known_answer.csv") == kept
+    assert sorted(trained) == [("end", False), ("end", False), ("two", False)] and len(kept) == 2
+
+
+def test_a_killed_process_makes_no_rows_of_runs_that_never_began(
+    script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    def killed(*_: object) -> None:
+        raise BrokenProcessPool("a process ended")
+
+    monkeypatch.setattr(script, "measure", killed)
+    said = run(script, monkeypatch, "--out", str(tmp_path), "--only", "PPO")
+    assert said and "a process was killed" in said and not (tmp_path / "known_answer.csv").exists()
+
+
+def test_rows_that_another_command_wrote_meanwhile_stay(
+    script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    one, other = rows(script, monkeypatch, 0.95, 0.85).values()
+    path = tmp_path / "known_answer.csv"
+    for row in (one, other):
+        script.put(path, row)
+    assert list(script.finished(path).values()) == [one, other]
 
 
 def test_the_pages_are_as_the_rows_have_them(script: ModuleType, table: ModuleType):

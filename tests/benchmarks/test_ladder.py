@@ -2,9 +2,7 @@
 
 import csv
 import importlib
-import subprocess
 import sys
-import time
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
@@ -309,39 +307,6 @@ def test_nothing_else_is_begun_after_a_process_was_killed(
     assert script.main(["--only", "no-m*", "--out", str(tmp_path / "table.csv")]) == 1
     assert flown == ["no-memory-64-varied-0"]
     assert "failed: no-memory-64-varied-0: BrokenProcessPool: killed" in capsys.readouterr().err
-
-
-def running(process: Path) -> bool:
-    """Whether the process of a folder of /proc runs; one that ended may still wait for its parent there."""
-    try:
-        return (process / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="processes are looked up in /proc")
-def test_workers_end_with_their_parent(tmp_path: Path):
-    """The parent is killed while its worker sleeps."""
-    code = (
-        "import os, signal, sys, time, multiprocessing\n"
-        "from concurrent.futures import ProcessPoolExecutor\n"
-        f"sys.path.insert(0, {str(BENCHMARKS)!r})\n"
-        "from ladder import end_with_parent\n"
-        "if __name__ == '__main__':\n"
-        "    pool = ProcessPoolExecutor(1, multiprocessing.get_context('spawn'), end_with_parent)\n"
-        "    print(pool.submit(os.getpid).result(), flush=True)\n"
-        "    pool.submit(time.sleep, 600)\n"
-        "    os.kill(os.getpid(), signal.SIGKILL)\n"
-    )
-    (tmp_path / "parent.py").write_text(code)
-    with open(tmp_path / "printed", "w") as printed:  # a pipe would stay open as long as the worker
-        subprocess.run([sys.executable, str(tmp_path / "parent.py")], stdout=printed, stderr=printed, check=False)
-    worker = Path("/proc") / (tmp_path / "printed").read_text().split()[0]
-    deadline = time.monotonic() + 30
-    while running(worker) and time.monotonic() < deadline:
-        time.sleep(0.1)
-    assert not running(worker)
 
 
 def test_other_steps_are_other_cells(script: ModuleType, flown: list[str], tmp_path: Path):

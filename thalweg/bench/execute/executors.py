@@ -6,7 +6,6 @@ moment can be resumed by any other executor. It returns only the run's row of `r
 
 import multiprocessing
 import os
-import threading
 import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
@@ -29,6 +28,7 @@ from thalweg.bench.suite.config import Suite
 from thalweg.core import versions
 from thalweg.core.atomic_io import disk_errors_name, is_disk_error, write_atomic
 from thalweg.core.machine import usable_cores
+from thalweg.core.parent_process import end_with_parent
 from thalweg.train.folder.run_record import POLICY, read_status
 
 LOGS, LOG_WIDTH = "logs", 120
@@ -135,19 +135,11 @@ def print_row(console: Console, row: RunRow) -> None:
 
 def _run_in_process(sender: Connection, run: Run, suite: Suite, folder: Path, backend: Backend) -> None:
     """Execute a run in this process, which ends when its parent does, and send its row."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    threading.Thread(target=_exit_with, args=(parent.sentinel,), daemon=True).start()
+    end_with_parent()
     try:
         sender.send(execute_run_logged(run, suite, folder, backend))
     except OSError as error:  # a full disk
         sender.send(error)
-
-
-def _exit_with(sentinel: int) -> None:
-    """Wait for another process to end, then end this one."""
-    wait([sentinel])
-    os._exit(1)
 
 
 def execute_run_logged(run: Run, suite: Suite, folder: Path, backend: Backend) -> RunRow:

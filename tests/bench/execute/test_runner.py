@@ -19,7 +19,7 @@ from thalweg.bench.evaluate.episodes import REASON_TEXT, read_episodes, write_ep
 from thalweg.bench.execute import backend
 from thalweg.bench.execute.backend import installed_versions
 from thalweg.bench.execute.filming import best_of_all, policy_shots
-from thalweg.bench.execute.runner import RESULTS_FOLDER, run_suite, selected_runs
+from thalweg.bench.execute.runner import RESULTS_FOLDER, claim, run_suite, selected_runs
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import evaluation_path, read_runs
 from thalweg.bench.suite.arms import Arm, Run, Stage
@@ -202,6 +202,20 @@ def test_a_folder_of_another_suite_is_refused_with_the_difference(tmp_path: Path
         ResultsError, match=r"arms\.FOCOPS is present there and absent here; episodes is 3 there and 4 here"
     ):
         run_suite(replace(SUITE, arms=SUITE.arms[:1], episodes=4), tmp_path, SmallBackend())
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"world_seeds": (7, 8)}, r"world_seeds is \[7, 8\] there and \[\] here"),
+        ({"observation": "privileged"}, "observation is 'privileged' there and 'frames' here"),
+        ({"encoder": "geometry"}, "encoder is 'geometry' there and 'default' here"),
+    ],
+)
+def test_a_setting_that_is_left_out_again_is_a_difference(given: dict[str, Any], told: str, tmp_path: Path):
+    claim(tmp_path, replace(SUITE, **given))
+    with pytest.raises(ResultsError, match=told):
+        claim(tmp_path, SUITE)
 
 
 def test_a_copy_without_a_packaged_policy_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

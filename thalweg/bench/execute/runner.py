@@ -156,7 +156,8 @@ def claim(folder: Path, suite: Suite) -> None:
 def comparable(record: dict[str, Any], suite: Suite) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return a suite's record in a folder and that of a suite so that their differences can be named, with their arms
     by name."""
-    usual = {"task": "River", "hard": False, "forces": {}, "views": {}, "policies": []}  # not written
+    usual = {"observation": "frames", "encoder": "default", "world_seeds": [], "policies": []}  # not written
+    usual |= {"task": "River", "hard": False, "forces": {}, "views": {}}
     requested = usual | json.loads(json.dumps(suite.as_data()))
     recorded = usual | {key: value for key, value in record.items() if key in requested}
     return _arms_by_name(recorded), _arms_by_name(requested)

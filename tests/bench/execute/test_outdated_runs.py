@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -272,6 +273,41 @@ def test_killed_at_any_file_operation_nothing_is_lost_or_mixed(
     outcome, _ = rerun(folder)
     assert policies(outcome.results) == {"hover": 9, "PPO": 18, "FOCOPS": 18}
     assert not (folder / "outdated").exists()
+
+
+@pytest.mark.parametrize("at", range(1, 10))
+def test_killed_on_the_way_back_to_earlier_versions_no_training_is_lost(
+    folder: Path, newer_frames: str, monkeypatch: pytest.MonkeyPatch, at: int
+):
+    """A run is set aside and not finished with the new versions; then the old ones come back, and a kill with them."""
+
+    class Dies(SmallBackend):
+        def train(self, *_: object, **__: object) -> None:
+            raise KeyboardInterrupt
+
+    trained = {path.name: path.read_bytes() for path in (folder / "runs" / "PPO-0").iterdir() if path.is_file()}
+    with pytest.raises(KeyboardInterrupt):
+        run_suite(SUITE, folder, Dies(), only=("PPO-0",))
+    assert (folder / "outdated" / "runs" / "PPO-0").is_dir() and trained
+    monkeypatch.setattr(versions, "RENDER", versions.RENDER - 1)
+    count = iter(range(at))
+
+    def or_killed(operation):
+        def call(*arguments, **options):
+            if next(count, None) is None:
+                raise Killed
+            return operation(*arguments, **options)
+
+        return call
+
+    with monkeypatch.context() as patch, suppress(Killed):
+        for module, name in ((outdated, "write_runs"), (os, "rename"), (os, "replace")):
+            patch.setattr(module, name, or_killed(getattr(module, name)))
+        run_suite(SUITE, folder, SmallBackend(), only=("PPO-0",))
+    outcome, _ = rerun(folder)
+    assert policies(outcome.results) == {"hover": 9, "PPO": 18, "FOCOPS": 18}
+    kept = {path.name: path.read_bytes() for path in (folder / "runs" / "PPO-0").iterdir() if path.name in trained}
+    assert kept == trained
 
 
 def test_versions_that_change_again_during_the_rerun_keep_the_finished_results(

@@ -82,12 +82,10 @@ class _Store:
             shutil.rmtree(self.run_folder, ignore_errors=True)
 
     def move_to(self, target: "_Store", *, with_training: bool) -> None:
-        """Move all files of the run; what an interrupted move has left is moved too."""
-        rows = [row for row in read_runs(self.folder) if row.run == self.run.name]
-        if rows:
-            others = [row for row in read_runs(target.folder) if row.run != self.run.name]
-            write_runs(target.folder, others + rows)
-            self.drop_row()
+        """Move all files of the run; what an interrupted move has left is moved too.
+
+        Its row comes last: a run counts as finished where that is.
+        """
         for path in self.evaluations():
             moved = target.folder / path.relative_to(self.folder)
             moved.parent.mkdir(parents=True, exist_ok=True)
@@ -96,6 +94,11 @@ class _Store:
             shutil.rmtree(target.run_folder, ignore_errors=True)
             target.run_folder.parent.mkdir(parents=True, exist_ok=True)
             os.rename(self.run_folder, target.run_folder)
+        rows = [row for row in read_runs(self.folder) if row.run == self.run.name]
+        if rows:
+            others = [row for row in read_runs(target.folder) if row.run != self.run.name]
+            write_runs(target.folder, others + rows)
+            self.drop_row()
 
 
 def prepare(folder: Path, run: Run, trials: Iterable[Trial], current: Versions, sources: Sources | None = None) -> str:

@@ -17,6 +17,7 @@ from thalweg.bench.results.results import Results, RunRow
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.arms import Arm
 from thalweg.bench.suite.config import Suite
+from thalweg.core import versions
 
 SAFE = FrontPoint("Nests", "Medium", "fixed", 10.0, 50, 6.0, 5.9, 6.1, 0.0, 0.0, 0.0, 1)
 FREE = replace(SAFE, price=0.0, return_=10.0, return_low=9.9, return_high=10.0, cost=40.0)
@@ -86,6 +87,33 @@ def test_the_area_of_an_algorithm_is_that_below_its_policies_at_all_limits(price
     assert (row["limits"], row["seeds"]) == ("2", "3") and row["share of the oracle's area"].startswith(
         f"{wanted:.2f} ["
     )
+
+
+def test_arms_of_another_kind_are_no_limits_of_an_algorithm(priced: Results):
+    begun = Arm("FOCOPS", settings={"cost_limit": 5.0, "policy": "cnn"}, observation="rgb", name="FOCOPS-cnn-5")
+    alone = Arm("PPOLag", settings={"cost_limit": 5.0}, name="PPOLag-5")
+    suite = replace(SUITE, arms=(*SUITE.arms, begun, alone))
+    runs = [RunRow(f"{name}-0", "train", name, 0, 1000, "finished") for name in ("FOCOPS-cnn-5", "PPOLag-5")]
+    others = [*flights("FOCOPS-cnn-5", 3, 9.0, 1.0), *flights("PPOLag-5", 3, 9.0, 1.0)]
+    more = replace(priced, suite=suite.as_data(), runs=[*priced.runs, *runs], episodes=[*priced.episodes, *others])
+    assert rows_of(area_table(more)) == rows_of(area_table(priced)) != {}
+
+
+def test_the_limit_of_settings_that_no_longer_exist_is_the_recorded_one(priced: Results):
+    record = SUITE.as_data()
+    record["arms"][1]["settings"] |= {"once_known": 1}
+    assert limit_of(replace(priced, suite=record), "FOCOPS-5") == 5.0
+
+
+def test_only_a_front_of_the_same_task_is_compared(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    today = replace(SAFE, tasks=versions.TASKS)
+    monkeypatch.setattr(price_tables, "read_fronts", lambda: [today, replace(FREE, tasks=versions.TASKS)])
+    results = Results(tmp_path, SUITE.as_data(), [], [], [], [])
+    assert len(price_tables.oracle_points(results)) == 2
+    for other in ({"hard": True}, {"forces": {"current_m_per_s": [0.2, 0.8]}}):
+        assert price_tables.oracle_points(replace(results, suite=SUITE.as_data() | other)) == []
+    monkeypatch.setattr(price_tables, "read_fronts", lambda: [today, replace(FREE, tasks=versions.TASKS - 1)])
+    assert price_tables.oracle_points(results) == []
 
 
 def test_the_paper_has_no_table_of_prices_and_priced_tasks_none_of_its_limit(priced: Results, results: Results):

@@ -61,8 +61,8 @@ def condition_grid(results: Results) -> Figure | None:
     names = [name for name in results.policies if name in flown]
     returns = np.full((len(names), len(conditions)), np.nan)
     for column, summaries_by_river in enumerate(conditions.values()):
-        rivers = {river for _, river in summaries_by_river}
-        river = level if level in rivers else next(iter(rivers))
+        rivers = list(dict.fromkeys(river for _, river in summaries_by_river))
+        river = level if level in rivers else rivers[0]
         for row, name in enumerate(names):
             if (name, river) in summaries_by_river:
                 returns[row, column] = summaries_by_river[name, river].return_mean

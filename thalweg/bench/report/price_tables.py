@@ -5,12 +5,14 @@ The oracle's front is that of the training level's fixed river. Intervals are ov
 three.
 """
 
-from collections import defaultdict
+import json
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
+from thalweg.algos import AlgorithmError
 from thalweg.algos.registry import installed_algorithm
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.fronts.fronts import PACKAGED_FRONTS, FrontPoint, front_of, points_of, read_fronts
@@ -22,6 +24,7 @@ from thalweg.bench.results.results import Results
 from thalweg.bench.results.risk import conditional_value_at_risk, share_above
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.record import arms_of, stages_of, task_of
+from thalweg.core import versions
 from thalweg.env.tasks import PAPER_TASK
 
 PRICE_COLUMNS = (
@@ -32,12 +35,13 @@ AREA_COLUMNS = ("algorithm", "limits", "seeds", "share of the oracle's area")
 
 
 def oracle_points(results: Results) -> list[FrontPoint]:
-    """Return the oracle's points on the fixed river of the training level; none for the paper's task, or where there
-    is no front."""
-    task = task_of(results.suite)
-    if task == PAPER_TASK or not PACKAGED_FRONTS.is_file():
+    """Return the oracle's points on the fixed river of the training level; none for the paper's task, in hard mode or
+    under forces, which the oracle does not know, or where there is no front of today's tasks."""
+    suite, task = results.suite, task_of(results.suite)
+    if task == PAPER_TASK or suite.get("hard") or suite.get("forces") or not PACKAGED_FRONTS.is_file():
         return []
-    return points_of(read_fronts(), task, train_level(results))
+    found = points_of(read_fronts(), task, train_level(results))
+    return found if all(point.tasks == versions.TASKS for point in found) else []
 
 
 def limit_of(results: Results, policy: str) -> float | None:
@@ -48,8 +52,11 @@ def limit_of(results: Results, policy: str) -> float | None:
     if arm is None or entry is None:
         return None
     _, settings, preset = stages_of(arm)[-1]
-    num_envs = results.suite.get("num_envs", 1)
-    return getattr(entry.configure(dict(settings), preset, num_envs), "cost_limit", None)
+    try:
+        config = entry.configure(dict(settings), preset, results.suite.get("num_envs", 1))
+    except AlgorithmError:  # settings of an earlier version
+        return settings.get("cost_limit")
+    return getattr(config, "cost_limit", None)
 
 
 def by_seed(episodes: Sequence[Episode], figure: Callable[[Sequence[Episode]], float]) -> Estimate:
@@ -107,30 +114,45 @@ def _price_row(results: Results, name: str, episodes: Sequence[Episode], front: 
 
 
 def area_table(results: Results) -> Table:
-    """Return for each algorithm that was trained with several limits the area of cost and return that its policies
-    cover, in shares of the oracle's."""
+    """Return for each algorithm that was trained with several limits, and otherwise alike, the area of cost and return
+    that its policies cover, in shares of the oracle's."""
     points = oracle_points(results)
     rows: list[list[Cell]] = []
-    for algorithm, policies in _by_algorithm(results).items() if points else ():
+    for name, policies in _with_several_limits(results) if points else ():
         front = front_of(points)
         reference = float(front.cost[-1])
         seeds = sorted(set.intersection(*({row.seed for row in rows} for rows in policies)))
         areas = [_area(policies, seed, reference) / front.hypervolume(reference) for seed in seeds]
         if areas:
             estimate = t_interval(float(np.mean(areas)), np.array(areas))
-            rows.append([algorithm, str(len(policies)), str(len(seeds)), estimate])
+            rows.append([name, str(len(policies)), str(len(seeds)), estimate])
     return table_from_cells(AREA_COLUMNS, rows)
 
 
-def _by_algorithm(results: Results) -> dict[str, list[list[Episode]]]:
-    """Return the episodes of each policy with a limit, by its algorithm."""
+def _with_several_limits(results: Results) -> list[tuple[str, list[list[Episode]]]]:
+    """Return the policies whose arms differ by their limits alone, of which there are two or more: the algorithm, or
+    the names of the arms where it has several such groups, and the episodes of each policy."""
     groups, level = group_episodes(results.episodes), train_level(results)
-    found: dict[str, list[list[Episode]]] = defaultdict(list)
     arms: dict[str, Any] = {arm["name"]: arm for arm in arms_of(results.suite)}
+    alike: dict[str, dict[float, str]] = defaultdict(dict)
     for name in trained_policies(results):
-        if name in arms and (name, level) in groups and limit_of(results, name) is not None:
-            found[arms[name]["algorithm"]].append(groups[name, level])
-    return found
+        if name in arms and (name, level) in groups and (limit := limit_of(results, name)) is not None:
+            alike[_but_for_the_limit(arms[name])][limit] = name
+    several = [list(by_limit.values()) for by_limit in alike.values() if len(by_limit) > 1]
+    count = Counter(arms[names[0]]["algorithm"] for names in several)
+    titles = [arms[names[0]]["algorithm"] for names in several]
+    return [
+        (title if count[title] == 1 else ", ".join(names), [groups[name, level] for name in names])
+        for title, names in zip(titles, several, strict=True)
+    ]
+
+
+def _but_for_the_limit(arm: dict[str, Any]) -> str:
+    """Return all that an arm is but its name, its seeds and its limit."""
+    _, settings, preset = stages_of(arm)[-1]
+    others = {key: value for key, value in settings.items() if key != "cost_limit"}
+    kept = {key: value for key, value in arm.items() if key not in ("name", "seeds", "settings", "preset")}
+    return json.dumps([kept, others, preset], sort_keys=True)
 
 
 def _area(policies: Sequence[Sequence[Episode]], seed: int, reference: float) -> float:

@@ -148,8 +148,8 @@ def warn_of_new_episodes() -> None:
 
 
 def costs_to_learn(learner: Learner, cost: Any, costs: Any) -> Any:
-    """Return the costs [N, M] that a learner uses, from their sum [N] and, if the environment reports both, tight and
-    loose costs [N, 2]; raises `TrainingError` if the learner needs both and they are missing."""
+    """Return the costs [N, M] that a learner uses, from their sum [N] and, if the environment reports them, the costs
+    by kind [N, K]; raises `TrainingError` if the learner needs tight and loose ones and they are missing or not all."""
     if not learner.separate_costs:
         return cost[:, None]
     if costs is None:

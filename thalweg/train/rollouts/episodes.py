@@ -23,7 +23,7 @@ class StepRecord:
     cost: np.ndarray
     """[N] float64; 0 where not valid."""
     costs: np.ndarray | None
-    """[N, 2] float64, tight and loose, if the environment reports both; 0 where not valid."""
+    """[N, K] float64, tight and loose and then the other kinds, if the environment reports them; 0 where not valid."""
     terminated: np.ndarray
     """[N] bool."""
     truncated: np.ndarray

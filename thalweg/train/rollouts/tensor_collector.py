@@ -40,7 +40,7 @@ class TensorEnv(Protocol):
     """N environments on one device, which reset in the step after the last one of an episode
     (`AutoresetMode.NEXT_STEP`).
 
-    `info` has `cost` [N], and may have `costs` [N, 2] (tight, loose) and `done_reason` [N] int64. With
+    `info` has `cost` [N], and may have `costs` [N, K] (tight, loose, others) and `done_reason` [N] int64. With
     `single_critic_space`, a Box of C numbers, it has `critic_obs` [N, C] of the state that the observations show, at
     resets too. Returned tensors must not change until the second step after. With `get_state` and `set_state`, as in
     `TensorRiverEnv`, an interrupted run resumes with the same numbers; without, with new episodes.

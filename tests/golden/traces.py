@@ -251,12 +251,12 @@ def algorithm(name: str) -> Trace:
     space = gymnasium.spaces.MultiDiscrete([3, 3])
     learner: Any = ALGORITHMS[name].make(ALGORITHMS[name].config(**settings), Task(size, space, envs, 0, {}))
     steps = learner.rollout_steps
-    found = {}
+    found, begun = {}, torch.ones(1, envs, dtype=torch.bool)
     for update in range(3):
         generator = torch.Generator().manual_seed(update)
         obs = torch.randn(steps + 1, envs, size, generator=generator)
         ends = torch.rand(steps, envs, generator=generator) < 0.2
-        fresh = torch.cat([torch.ones(1, envs, dtype=torch.bool), ends])
+        fresh, begun = torch.cat([begun, ends]), ends[-1:]  # other episodes go on in the next rollout
         actions = torch.stack([learner.act(obs[t], fresh[t]) for t in range(steps)])
         good = (actions[..., 0] == 0).float()
         costs = (1.0 - good).unsqueeze(-1).expand(-1, -1, len(getattr(learner.config, "limits", ())) or 1)

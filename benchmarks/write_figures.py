@@ -167,15 +167,17 @@ def gpu_speed() -> str:
     lines.sort(key=lambda line: (int(line[1]), line[0]))
     apart = {(row["what"], row["quality"]): row for row in rows if row["holds"]}
     pixels = {quality: 1.0 - float(apart["pixels alike", quality]["figure"]) for quality in ("full", "fast")}
-    checked, flown = apart["pixels alike", "full"], apart["steps alike", ""]
+    checked, compared = apart["pixels alike", "full"], apart["steps alike", ""]
+    timed = any(row["what"].startswith("fly ") for row in speeds)
+    flown = " `fly` those of a task with its frames of full quality," if timed else ""
     note = wrap(
         f"Environment steps or frames a second, of all together, on an {rows[0]['card']} with 16 processor cores."
-        f" `encode` is the encoder alone, `step` the rules alone, `fly` the rules of a task with its"
-        f" frames of full quality, and `train` draws such frames, encodes them, acts and learns. Of"
+        f" `encode` is the encoder alone, `step` the rules alone,{flown} and `train` draws frames of full quality,"
+        f" encodes them, acts and learns. Of"
         f" {checked['cameras']} frames in {checked['worlds']} rivers"
         f" {pixels['full']:.4%} of the pixels of full quality and {pixels['fast']:.4%} of the fast one differ from the"
         f" CPU's by more than 2 of 255; {1.0 - float(apart['steps alike', '']['figure']):.4%} of the steps of"
-        f" {int(flown['cameras']):,} environments have another reward, cost or reason, and poses are within"
+        f" {int(compared['cameras']):,} environments have another reward, cost or reason, and poses are within"
         f" {float(apart['poses apart', '']['figure']):.0e} m."
     )
     header = ["", "rivers", *(f"{count:,}" for count in counts)]

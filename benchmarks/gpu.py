@@ -2,10 +2,10 @@
 
     python benchmarks/gpu.py [--out gpu.csv] [--minutes 7]
 
-checks frames, codes and rules against the CPU, then times frames, rules, codes and training for 64 to 16,384 cameras in
-1 to 64 worlds. It prints a table and writes a row for each figure, with the card's name; what the time limit leaves out
-is missing. A bare machine needs Python 3.11, a torch that was built for CUDA, numba-cuda, and what the package needs
-anyway (requirements.lock); worlds are built by all cores, in about a minute.
+checks frames, codes and rules against the CPU, then times frames, rules, codes, tasks and training for 64 to 16,384
+cameras in 1 to 64 worlds. It prints a table and writes a row for each figure, with the card's name; what the time limit
+leaves out is missing. A bare machine needs Python 3.11, a torch that was built for CUDA, numba-cuda, and what the
+package needs anyway (requirements.lock); worlds are built by all cores, in about a minute.
 """
 
 import argparse
@@ -206,7 +206,7 @@ def time_rules(table: Table, clock: Clock, worlds: Sequence[World], counts: Sequ
 
 
 def time_tasks(table: Table, clock: Clock, worlds: Sequence[World], counts: Sequence[int]) -> None:
-    """Time steps of tasks with their frames of full quality; all but `River` have objects in them."""
+    """Time steps of each task with its frames of full quality, in which some have objects."""
     for task in tasks.TASKS:
         for count in while_there_is_time(clock, counts):
             env = TensorRiverEnv(worlds, count, EnvConfig(task=task), device=str(clock.device))

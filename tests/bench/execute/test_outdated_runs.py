@@ -3,9 +3,11 @@
 import json
 import os
 import shutil
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -31,6 +33,21 @@ TRAINED = ["PPO-0", "PPO-1", "FOCOPS-0", "FOCOPS-1"]
 
 class Killed(Exception):
     """Stands for a process that is killed."""
+
+
+def killed_after(calls: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator; the functions that it decorates can be called so often, all together, then they kill."""
+    count = iter(range(calls))
+
+    def or_killed(operation: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            if next(count, None) is None:
+                raise Killed
+            return operation(*arguments, **options)
+
+        return call
+
+    return or_killed
 
 
 @pytest.fixture(scope="module")
@@ -247,16 +264,7 @@ def test_killed_at_any_file_operation_nothing_is_lost_or_mixed(
     folder: Path, newer_frames: str, monkeypatch: pytest.MonkeyPatch, at: int
 ):
     """Each kill comes before a write, a move or a removal of the bookkeeping."""
-    count = iter(range(at))
-
-    def or_killed(operation):
-        def call(*arguments, **options):
-            if next(count, None) is None:
-                raise Killed
-            return operation(*arguments, **options)
-
-        return call
-
+    or_killed = killed_after(at)
     with monkeypatch.context() as patch:
         patch.setattr(outdated, "write_runs", or_killed(outdated.write_runs))
         patch.setattr(run_versions, "write_atomic", or_killed(run_versions.write_atomic))
@@ -290,16 +298,7 @@ def test_killed_on_the_way_back_to_earlier_versions_no_training_is_lost(
         run_suite(SUITE, folder, Dies(), only=("PPO-0",))
     assert (folder / "outdated" / "runs" / "PPO-0").is_dir() and trained
     monkeypatch.setattr(versions, "RENDER", versions.RENDER - 1)
-    count = iter(range(at))
-
-    def or_killed(operation):
-        def call(*arguments, **options):
-            if next(count, None) is None:
-                raise Killed
-            return operation(*arguments, **options)
-
-        return call
-
+    or_killed = killed_after(at)
     with monkeypatch.context() as patch, suppress(Killed):
         for module, name in ((outdated, "write_runs"), (os, "rename"), (os, "replace")):
             patch.setattr(module, name, or_killed(getattr(module, name)))

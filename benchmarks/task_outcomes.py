@@ -13,11 +13,11 @@ from typing import Any
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.fronts.fronts import FIXED, UNSEEN, front_of, points_of, read_fronts
+from thalweg.bench.fronts.fronts import FIXED, UNSEEN, front_of, packaged_points
 from thalweg.bench.report.policies import evaluated_seeds
 from thalweg.bench.report.price_tables import by_seed, costs_of, mean_cost, mean_return
 from thalweg.bench.results.front import Front
-from thalweg.bench.results.inference import Estimate
+from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.risk import share_above
 from thalweg.bench.results.statistics import group_episodes
@@ -131,8 +131,8 @@ def study_of(suite: Suite, results: Results | None) -> Study:
     task, record = suite.task, suite.as_data() if results is None else results.suite
     fronts = {}
     for rivers in CONDITION:
-        points = points_of(read_fronts(), task, LEVEL, rivers)
-        if not points or any(point.tasks != versions.TASKS for point in points):
+        points = packaged_points(task, LEVEL, rivers)
+        if not points:
             raise ResultsError(f"fronts.csv has no front of {task} on {rivers} rivers of {LEVEL} with today's tasks")
         fronts[rivers] = front_of(points)
     own = {arm["name"]: arm["settings"].get("cost_limit") for arm in arms_of(record)}
@@ -183,8 +183,8 @@ def outcome_of(key: tuple[str, str, float, str], episodes: Sequence[Episode], fr
     limit = key[2]
     return Outcome(
         *key,
-        by_seed(episodes, mean_return),
-        by_seed(episodes, mean_cost),
+        mean_estimate(episodes, "return_"),
+        mean_estimate(episodes, "cost"),
         by_seed(episodes, lambda rows: share_above(costs_of(rows), limit)),
         by_seed(episodes, lambda rows: front.regret(mean_cost(rows), mean_return(rows))),
     )

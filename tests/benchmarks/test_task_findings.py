@@ -14,6 +14,7 @@ from PIL import Image
 from tests.bench.report.small_results import flights
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Condition
+from thalweg.bench.fronts import fronts
 from thalweg.bench.fronts.fronts import FrontPoint
 from thalweg.bench.results.results import Results, RunRow
 from thalweg.bench.suite.arms import Arm
@@ -25,7 +26,7 @@ SAFE = FrontPoint("Nests", "Medium", "fixed", 10.0, 50, 6.0, 5.9, 6.1, 0.0, 0.0,
 FAST = replace(SAFE, price=0.0, return_=10.0, cost=40.0)
 FRONT = [SAFE, FAST, replace(SAFE, rivers="unseen", cost=10.0), replace(FAST, rivers="unseen")]
 """On the fixed river the oracle returns 6 at no cost and a point more for a cost of 10; on unseen ones it costs 10."""
-LIMITS = {"FOCOPS-8.2": 8.2, "FOCOPS-23": 23.0, "FOCOPS-49": 49.0, "P3O-49": 49.0, "CPO-23": 23.0}
+LIMITS = {"FOCOPS-8.2": 8.2, "FOCOPS-23": 23.0, "FOCOPS-65": 65.0, "P3O-65": 65.0, "CPO-23": 23.0}
 SUITE = Suite(
     "nests",
     (
@@ -51,7 +52,7 @@ def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 @pytest.fixture
 def outcomes(script: ModuleType, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     module = sys.modules["task_outcomes"]
-    monkeypatch.setattr(module, "read_fronts", lambda: FRONT)
+    monkeypatch.setattr(fronts, "read_fronts", lambda: FRONT)
     return module
 
 
@@ -63,10 +64,10 @@ def results() -> Results:
         *flights("PPO", 3, 5.0, 80.0),
         *flights("FOCOPS-8.2", 3, 4.0, 16.0),
         *flights("FOCOPS-23", 2, 5.0, 50.0),
-        *flights("FOCOPS-49", 3, 5.5, 60.0),
-        *(replace(row, cost=row.seed * row.cost) for row in flights("P3O-49", 3, 4.0, 80.0)),
+        *flights("FOCOPS-65", 3, 5.5, 60.0),
+        *(replace(row, cost=row.seed * row.cost) for row in flights("P3O-65", 3, 4.0, 80.0)),
     ]
-    unseen = [*flights("FOCOPS-8.2", 3, 4.0, 20.0), *flights("P3O-49", 3, 4.0, 80.0)]
+    unseen = [*flights("FOCOPS-8.2", 3, 4.0, 20.0), *flights("P3O-65", 3, 4.0, 80.0)]
     runs = [RunRow(f"{name}-{seed}", "train", name, seed, 1000, "finished") for name, seed in
             dict.fromkeys((row.algorithm, row.seed) for row in episodes)]  # fmt: skip
     runs += [RunRow(f"CPO-23-{seed}", "train", "CPO-23", seed, 10, "failed", "no memory") for seed in range(3)]
@@ -87,22 +88,25 @@ def rows(table: str) -> dict[str, list[str]]:
 def test_a_cell_has_return_cost_flights_above_and_regret(script: ModuleType, study: Any):
     found = rows(script.task_table(study, "fixed"))
     # Returns of the seeds are 5, 6 and 7, and Student's t for three is 4.30; at a cost of 8 the oracle returns 6.8.
-    assert found["FOCOPS"][0] == "**6.00 ± 2.48 at 8.00 ± 0.00; 50%; 0.80**"
+    # Costs are 0 and 16, three times each: by Student's t for six, 2.57, their mean is 8 ± 9.2, and none is below 0.
+    assert found["FOCOPS"][0] == "*6.00 ± 2.48 at 8.00 ± 8.60; 50%; 0.80*"
     assert found["FOCOPS"][1] == "6.50 at 25.0; 50%; 2.00; 2 of 3 seeds"
-    # Costs of the seeds are 0, 40 and 80: the mean is within the limit of 49, and its interval reaches beyond.
-    assert found["P3O"][2] == "*6.00 ± 2.48 at 40.0 ± 99.4; 33%; 4.00*"
+    # Costs of 0 and 60 are 30 ± 34.5 in the mean, below the limit of 65.
+    assert found["FOCOPS"][2] == "**7.50 ± 2.48 at 30.0 ± 32.2; 0%; 1.50**"
+    # Costs of the seeds are 0, 40 and 80: the mean is within the limit, and its interval, 40 ± 99.4, reaches beyond.
+    assert found["P3O"][2] == "*6.00 ± 2.48 at 40.0 ± 69.7; 33%; 4.00*"
 
 
 def test_a_policy_without_a_limit_stands_beside_each(script: ModuleType, study: Any):
     found = rows(script.task_table(study, "fixed"))
-    assert found["PPO, without a limit"] == ["7.00 ± 2.48 at 40.0 ± 0.00; 50%; 3.00"] * 3
+    assert found["PPO, without a limit"] == ["7.00 ± 2.48 at 40.0 ± 43.0; 50%; 3.00"] * 3
     assert found["oracle"] == ["6.82", "8.30", "10.00"]
 
 
 def test_unseen_rivers_have_flights_and_a_front_of_their_own(script: ModuleType, study: Any):
     found = rows(script.task_table(study, "unseen"))
     assert found["oracle"] == ["unattainable; 6.00 at 10.0", "7.73", "10.00"]
-    assert found["FOCOPS"] == ["6.00 ± 2.48 at 10.0 ± 0.00; 50%; 0.00", "missing", "missing"]
+    assert found["FOCOPS"] == ["6.00 ± 2.48 at 10.0 ± 10.7; 50%; 0.00", "missing", "missing"]
 
 
 def test_what_is_missing_or_failed_is_named(script: ModuleType, study: Any):
@@ -114,24 +118,24 @@ def test_what_is_missing_or_failed_is_named(script: ModuleType, study: Any):
 def test_holders_are_ordered_by_return_and_those_beyond_have_their_cost(script: ModuleType, study: Any):
     lines = script.holders_table({"Nests": study}).splitlines()[2:]
     assert lines == [
-        "| Nests | 8.2 | 6.82 | **FOCOPS (6.00)** | nobody |",
+        "| Nests | 8.2 | 6.82 | FOCOPS (6.00) | nobody |",
         "| Nests | 23 | 8.30 | nobody | FOCOPS (25.0) |",
-        "| Nests | 49 | 10.00 | **FOCOPS (7.50)**, P3O (6.00) | nobody |",
+        "| Nests | 65 | 10.00 | **FOCOPS (7.50)**, P3O (6.00) | nobody |",
     ]
 
 
 def test_facts_are_counted_over_all_policies_with_a_limit(script: ModuleType, study: Any):
     lines = script.facts({"Nests": study}).replace("\n", " ").split("**")[2::2]
     holds, price, limitless, rising, unseen, nobody, _ = (line.strip() for line in lines)
-    assert holds.startswith("3 of 4 mean costs are within the limit, 2 of them with the whole interval: P3O 1 of 1,")
+    assert holds.startswith("3 of 4 mean costs are within the limit, 1 of them with the whole interval: P3O 1 of 1,")
     # Regrets are 0.80, 9 - 7.5 = 1.50, and 4.00.
-    assert "0.80 (FOCOPS, Nests at 8.2) to 4.00 points (P3O, Nests at 49)" in price and "median of 1.50" in price
+    assert "0.80 (FOCOPS, Nests at 8.2) to 4.00 points (P3O, Nests at 65)" in price and "median of 1.50" in price
     assert limitless.startswith("PPO costs 1.7 times the middle limit of Nests and returns 7.00, 3.00 below")
     assert rising.startswith("Of 1 algorithm with policies") and "in 1, the cost in 1." in rising
     assert unseen.startswith("1 of the 2 that hold the limit on the fixed river hold it too; in all 1 of 2")
     assert nobody.removesuffix(" 7.") == (
         "Limits that nobody holds: Nests at 23. At the others the best that hold it return 6.00 of 6.82 (FOCOPS, Nests"
-        " at 8.2), 7.50 of 10.00 (FOCOPS, Nests at 49) of what the oracle does."
+        " at 8.2), 7.50 of 10.00 (FOCOPS, Nests at 65) of what the oracle does."
     )
 
 
@@ -145,8 +149,8 @@ def test_policies_that_return_more_than_the_oracle_are_told(script: ModuleType, 
 def test_updates_at_the_bound_of_the_multiplier_are_told_by_whether_the_limit_is_held(
     script: ModuleType, outcomes: ModuleType, results: Results, tmp_path: Path
 ):
-    # FOCOPS holds 8.2 and 49, and does not hold 23.
-    for run, multipliers in {"FOCOPS-8.2-0": "2.0\n1.0", "FOCOPS-49-1": "1.0\n0.0", "FOCOPS-23-0": "2.0\n2.0"}.items():
+    # FOCOPS holds 8.2 and 65, and does not hold 23.
+    for run, multipliers in {"FOCOPS-8.2-0": "2.0\n1.0", "FOCOPS-65-1": "1.0\n0.0", "FOCOPS-23-0": "2.0\n2.0"}.items():
         folder = tmp_path / "runs" / run
         folder.mkdir(parents=True)
         (folder / "metrics.csv").write_text(f"multiplier\n{multipliers}\n")
@@ -190,7 +194,7 @@ def test_results_of_other_tasks_than_the_front_are_refused(outcomes: ModuleType,
 
 
 def test_a_front_of_other_tasks_is_refused(outcomes: ModuleType, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(outcomes, "read_fronts", lambda: [replace(point, tasks=0) for point in FRONT])
+    monkeypatch.setattr(fronts, "read_fronts", lambda: [replace(point, tasks=0) for point in FRONT])
     with pytest.raises(ResultsError, match="no front of Nests on fixed rivers of Medium"):
         outcomes.study_of(SUITE, None)
 

@@ -5,16 +5,14 @@ from collections.abc import Iterable
 from typing import Any
 
 from thalweg.algos import LimitWarning
-from thalweg.bench.fronts.fronts import FIXED, UNSEEN, front_of, points_of, read_fronts
-from thalweg.core import versions
+from thalweg.bench.fronts.fronts import FIXED, UNSEEN, front_of, packaged_points
 
 
 def below_safest(task: str, level: str, cost_limit: float) -> str:
     """Return a warning of a cost limit of an episode below the cost of the oracle's safest point on a level, whichever
     of fixed and unseen rivers it costs less on; empty for a limit that it attains, and where no front comes with the
     package."""
-    points = [point for point in read_fronts() if point.tasks == versions.TASKS]
-    fronts = [front_of(found) for rivers in (FIXED, UNSEEN) if (found := points_of(points, task, level, rivers))]
+    fronts = [front_of(points) for rivers in (FIXED, UNSEEN) if (points := packaged_points(task, level, rivers))]
     safest = min(fronts, key=lambda front: front.cost[0], default=None)
     if safest is None or cost_limit >= safest.cost[0]:
         return ""

@@ -12,6 +12,7 @@ import numpy as np
 
 from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
 from thalweg.bench.results.front import Front
+from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 
 PACKAGED_FRONTS = Path(__file__).with_name("fronts.csv")
@@ -76,6 +77,13 @@ def points_of(points: Sequence[FrontPoint], task: str, level: str, rivers: str =
     """Return the points of a task on some rivers of a level, by rising cost."""
     found = [point for point in points if (point.task, point.level, point.rivers) == (task, level, rivers)]
     return sorted(found, key=lambda point: point.cost)
+
+
+def packaged_points(task: str, level: str, rivers: str = FIXED) -> list[FrontPoint]:
+    """Return the points of a task on some rivers of a level that come with the package, by rising cost; none where one
+    of them is of another version of the tasks than today's, since what is left of a front ends elsewhere."""
+    points = points_of(read_fronts(), task, level, rivers)
+    return points if all(point.tasks == versions.TASKS for point in points) else []
 
 
 def front_of(points: Sequence[FrontPoint]) -> Front:

@@ -5,18 +5,16 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from thalweg.bench.fronts.fronts import FIXED, PACKAGED_FRONTS, UNSEEN, front_of, points_of, read_fronts
+from thalweg.bench.fronts.fronts import FIXED, UNSEEN, front_of, packaged_points
 from thalweg.bench.leaderboard.entries import flown_names
 from thalweg.bench.leaderboard.policy_entry import PolicyEntry, arm_fields
 from thalweg.bench.leaderboard.requirements import LEVEL, Flights
 from thalweg.bench.report.policies import limit_met
 from thalweg.bench.report.price_tables import by_seed, limit_of, mean_cost, mean_return
 from thalweg.bench.results.front import Front
-from thalweg.bench.results.inference import Estimate, clip
+from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.suite.record import arms_of, task_of
-from thalweg.core import versions
-from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,13 +51,8 @@ class TaskEntry(PolicyEntry):
 
 def fronts_of(task: str) -> dict[str, Front]:
     """Return the oracle's fronts of a task on `LEVEL` by rivers, as far as there are any of today's tasks."""
-    every = read_fronts() if PACKAGED_FRONTS.is_file() else []
-    found = {rivers: points_of(every, task, LEVEL, rivers) for rivers in (FIXED, UNSEEN)}
-    return {
-        rivers: front_of(points)
-        for rivers, points in found.items()
-        if points and all(point.tasks == versions.TASKS for point in points)
-    }
+    found = {rivers: packaged_points(task, LEVEL, rivers) for rivers in (FIXED, UNSEEN)}
+    return {rivers: front_of(points) for rivers, points in found.items() if points}
 
 
 def task_entries(results: Results) -> list[TaskEntry]:
@@ -86,7 +79,7 @@ def _entry(
         **arm_fields(results, name, arm, flights[FIXED], flights[UNSEEN]),
         task=task_of(results.suite),
         limit=limit_of(results, name),
-        returns={rivers: clip(by_seed(rows, mean_return), 0.0, FULL_COURSE_REWARD) for rivers, rows in flown.items()},
-        costs={rivers: clip(by_seed(rows, mean_cost), 0.0, math.inf) for rivers, rows in flown.items()},
+        returns={rivers: mean_estimate(rows, "return_") for rivers, rows in flown.items()},
+        costs={rivers: mean_estimate(rows, "cost") for rivers, rows in flown.items()},
         regrets=regrets,
     )

@@ -1,8 +1,8 @@
 """Tables of tasks where a limit has a price: each policy beside the oracle, and the area that an algorithm's limits
 cover.
 
-The oracle's front is that of the training level's fixed river. Intervals are over seeds; there is none for fewer than
-three.
+The oracle's front is that of the training level's fixed river. Intervals of mean cost and mean return are those of
+`mean_estimate`, the others are over seeds; there is none for fewer than three.
 """
 
 import json
@@ -15,16 +15,15 @@ import numpy as np
 from thalweg.algos import AlgorithmError
 from thalweg.algos.registry import installed_algorithm
 from thalweg.bench.evaluate.episodes import Episode
-from thalweg.bench.fronts.fronts import PACKAGED_FRONTS, FrontPoint, front_of, points_of, read_fronts
+from thalweg.bench.fronts.fronts import FrontPoint, front_of, packaged_points
 from thalweg.bench.report.policies import evaluated_seeds, limit_met, train_level, trained_policies
 from thalweg.bench.report.table import Cell, Table, table_from_cells
 from thalweg.bench.results.front import Front
-from thalweg.bench.results.inference import Estimate, t_interval
+from thalweg.bench.results.inference import Estimate, mean_estimate, t_interval
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.risk import conditional_value_at_risk, share_above
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.record import arms_of, stages_of, task_of
-from thalweg.core import versions
 from thalweg.env.tasks import PAPER_TASK
 
 PRICE_COLUMNS = (
@@ -38,10 +37,9 @@ def oracle_points(results: Results) -> list[FrontPoint]:
     """Return the oracle's points on the fixed river of the training level; none for the paper's task, in hard mode or
     under forces, which the oracle does not know, or where there is no front of today's tasks."""
     suite, task = results.suite, task_of(results.suite)
-    if task == PAPER_TASK or suite.get("hard") or suite.get("forces") or not PACKAGED_FRONTS.is_file():
+    if task == PAPER_TASK or suite.get("hard") or suite.get("forces"):
         return []
-    found = points_of(read_fronts(), task, train_level(results))
-    return found if all(point.tasks == versions.TASKS for point in found) else []
+    return packaged_points(task, train_level(results))
 
 
 def limit_of(results: Results, policy: str) -> float | None:
@@ -100,7 +98,7 @@ def price_table(results: Results) -> Table:
 
 
 def _price_row(results: Results, name: str, episodes: Sequence[Episode], front: Front | None) -> list[Cell]:
-    limit, cost = limit_of(results, name), by_seed(episodes, mean_cost)
+    limit, cost = limit_of(results, name), mean_estimate(episodes, "cost")
     about_limit: list[Cell] = ["none", cost, "no limit", "no limit"]
     if limit is not None:
         above = by_seed(episodes, lambda rows: share_above(costs_of(rows), limit))
@@ -110,7 +108,7 @@ def _price_row(results: Results, name: str, episodes: Sequence[Episode], front: 
         regret = by_seed(episodes, lambda rows: front.regret(mean_cost(rows), mean_return(rows)))
     tail = by_seed(episodes, lambda rows: conditional_value_at_risk(costs_of(rows)))
     seeds = evaluated_seeds(results, name, episodes)
-    return [name, seeds, *about_limit, tail, by_seed(episodes, mean_return), regret]
+    return [name, seeds, *about_limit, tail, mean_estimate(episodes, "return_"), regret]
 
 
 def area_table(results: Results) -> Table:

@@ -36,7 +36,7 @@ def test_the_width_of_vectors_follows_its_setting(monkeypatch: pytest.MonkeyPatc
 
 def test_a_run_on_a_gpu_records_the_gpu(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(torch.cuda, "get_device_name", lambda: "NVIDIA Made-up")
-    on_gpu, on_cpu = (record.describe(identity, 1)["machine"] for identity in ({"device": "cuda"}, {}))
+    on_gpu, on_cpu = (record.describe(identity, 1, {})["machine"] for identity in ({"device": "cuda"}, {}))
     assert on_gpu["card"] == "NVIDIA Made-up" and set(on_gpu) - set(on_cpu) == {"card", "cuda", "numba-cuda"}
 
 

@@ -19,6 +19,7 @@ import yaml
 from tests.train.small_runs import SMALL, SMALL_REPLAY, STEPS, Stop, StopsAt, numbers, rows_of, small, train
 from tests.train.toys import Walk
 from thalweg.algos import ALGORITHMS, AlgorithmError, LimitWarning, NotFiniteError, Policy
+from thalweg.core import versions
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.train import ResumeWarning, ShortRunWarning, TrainingError, load_policy
 from thalweg.train.folder.checkpoint import load_checkpoint
@@ -196,6 +197,30 @@ def test_a_finished_run_is_returned_at_once(finished):
     result = train(folder, algorithm, StopsAt(1))
     assert result.already_finished and result.steps == STEPS and result.algorithm == algorithm
     assert numbers(folder) == before
+
+
+@pytest.mark.parametrize("raised", ["training", "FOCOPS"])
+def test_a_run_of_another_version_is_not_gone_on_with(tmp_path, monkeypatch, raised):
+    with pytest.raises(Stop):
+        train(tmp_path, "FOCOPS", StopsAt(130))
+    with monkeypatch.context() as later:
+        later.setattr(versions, "TRAINING", versions.TRAINING + (raised == "training"))
+        later.setitem(versions.ALGORITHMS, "FOCOPS", versions.ALGORITHMS["FOCOPS"] + (raised == "FOCOPS"))
+        with pytest.raises(TrainingError, match=rf"made with {raised} \d, not \d: .*another folder"):
+            train(tmp_path, "FOCOPS")
+    assert train(tmp_path, "FOCOPS").resumed_from == 512
+    monkeypatch.setattr(versions, "TRAINING", versions.TRAINING + 1)
+    with pytest.warns(ResumeWarning, match="made with training"):
+        assert train(tmp_path, "FOCOPS").already_finished
+
+
+def test_a_run_from_before_versions_were_recorded_resumes(tmp_path):
+    with pytest.raises(Stop):
+        train(tmp_path, env=StopsAt(130))
+    config = yaml.safe_load((tmp_path / "config.yaml").read_text())
+    del config["made_with"]
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(config))
+    assert train(tmp_path).resumed_from == 512
 
 
 def test_an_environment_that_can_not_be_brought_back_resumes_with_a_warning(tmp_path):

@@ -17,6 +17,7 @@ from thalweg.algos.onpolicy.config import settings_like
 from thalweg.algos.policy import policy as policies
 from thalweg.algos.policy.networks import NetworkShape
 from thalweg.algos.registry import Entry, algorithm_named, plugin_named
+from thalweg.core import versions
 from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import DeviceError, resolve_device
 from thalweg.core.compute.torch_threads import torch_threads
@@ -132,7 +133,7 @@ def run(
             f"imitation_kl = {resolved.imitation_kl} weighs the KL from the policy that a run begins with: give"
             " begin_with, or leave it out"
         )
-    status = open_folder(folder := Path(folder), identity, how.threads)
+    status = open_folder(folder := Path(folder), identity, how.threads, _version_of(entry))
     if status.get("state") == "finished":
         return result_of(folder, status, resumed_from=None, already_finished=True)
     if found := too_short(resolved, steps, task.num_envs):
@@ -154,6 +155,11 @@ def configured(entry: Entry, config: Any, preset: str, num_envs: int, begin_with
         if isinstance(shape, NetworkShape):
             config = settings_like(shape) | dict(config)
     return entry.configure(config, preset, num_envs)
+
+
+def _version_of(entry: Entry) -> dict[str, int]:
+    """Return the version of an algorithm of the package by its name; empty for a plug-in, whose is in the context."""
+    return {} if plugin_named(entry.name) else {entry.name: versions.ALGORITHMS[entry.name]}
 
 
 def made_by(entry: Entry) -> dict[str, Any]:

@@ -2,8 +2,10 @@
 
 import math
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import torch
@@ -19,6 +21,8 @@ from thalweg.train.folder.checkpoint import load_checkpoint
 from thalweg.train.folder.loggers import RunLog
 from thalweg.train.folder.progress_bar import ProgressBar
 from thalweg.train.loop import AnyTrainer, StatusFile, training_loop
+
+NO_VERSIONS: Mapping[str, int] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -60,13 +64,18 @@ def check_numbers(**numbers: tuple[int, int]) -> None:
             raise TrainingError(f"{name} must {required}, got {number}")
 
 
-def open_folder(folder: Path, identity: dict[str, Any], threads: int) -> dict[str, Any]:
+def open_folder(
+    folder: Path, identity: dict[str, Any], threads: int, learner: Mapping[str, int] = NO_VERSIONS
+) -> dict[str, Any]:
     """Create the folder of a run, or check that an existing one is of the same run; returns its status.
 
-    Raises `TrainingError` for the folder of another run, and warns if versions or threads have changed, or the source
-    of a plug-in whose version has not.
+    `learner` has the version of what learns by its name, unless it is in the context.
+
+    Raises `TrainingError` for the folder of another run, and for one begun with other versions than today's
+    and not finished; warns of a finished one, and if packages or threads have changed, or the source of a plug-in whose
+    version has not.
     """
-    description = run_record.describe(identity, threads)
+    description = run_record.describe(identity, threads, learner)
     existing = run_record.read_config(folder)
     if existing is None:
         run_record.write_config(folder, description)
@@ -77,6 +86,7 @@ def open_folder(folder: Path, identity: dict[str, Any], threads: int) -> dict[st
         if (found := now_sources.get(name, "")) != source:
             warnings.warn(changed_source(name, str(folder), source, found), PluginWarning, stacklevel=3)
     status = run_record.read_status(folder)
+    _check_made_with(folder, existing, description, finished=status.get("state") == "finished")
     before = (existing.get("versions") or {}) | {"threads": (existing.get("machine") or {}).get("learning_threads")}
     now = run_record.package_versions() | {"threads": threads}
     if status.get("state") != "finished" and before != now:
@@ -87,6 +97,20 @@ def open_folder(folder: Path, identity: dict[str, Any], threads: int) -> dict[st
             stacklevel=3,
         )
     return status
+
+
+def _check_made_with(folder: Path, existing: dict[str, Any], now: dict[str, Any], finished: bool) -> None:
+    """Raise `TrainingError` for an unfinished run of other versions than today's, and warn of a finished one; folders
+    from before these were recorded pass."""
+    recorded, current = (description.get(run_record.MADE_WITH) or {} for description in (existing, now))
+    other = [f"{name} {version}, not {current.get(name)}" for name, version in recorded.items()
+             if version != current.get(name)]  # fmt: skip
+    if not other:
+        return
+    found = f"{folder} was made with {'; '.join(other)}"
+    if not finished:
+        raise TrainingError(f"{found}: a run that went on would be neither's; train it again in another folder")
+    warnings.warn(f"{found}; train it again in another folder for today's numbers", ResumeWarning, stacklevel=4)
 
 
 def result_of(folder: Path, status: dict[str, Any], resumed_from: int | None, already_finished: bool) -> RunResult:

@@ -3,11 +3,13 @@
 import json
 import math
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.machine import gpu_info, machine_info, package_versions
 from thalweg.core.run_folder import FolderKind
@@ -25,7 +27,15 @@ TASK_PLUGIN = "task_plugin"
 """Key of a context: version and source of the plug-in that the task is."""
 PLUGINS = (PLUGIN, ENCODER_PLUGIN, TASK_PLUGIN)
 """Keys of a context for plug-ins: the algorithm, the encoder and the task."""
-MAPPINGS = (("run",), ("versions",), ("machine",), *(("run", "context", key) for key in (*PLUGINS, "env", "river")))
+MADE_WITH = "made_with"
+"""Key of config.yaml: versions of what the numbers of a run depend on beside those in its context."""
+MAPPINGS = (
+    ("run",),
+    ("versions",),
+    (MADE_WITH,),
+    ("machine",),
+    *(("run", "context", key) for key in (*PLUGINS, "env", "river")),
+)
 """Parts of config.yaml that are mappings where they are there."""
 STATUS_NUMBERS = ("steps", "episodes", "return_mean", "cost_mean", "cost_rate", "seconds")
 """Numbers of status.json, null where there is none."""
@@ -39,12 +49,22 @@ def device_identity(kind: str) -> dict[str, Any]:
     return {} if kind == CPU else {DEVICE: kind}
 
 
-def describe(identity: dict[str, Any], threads: int) -> dict[str, Any]:
-    """Return the content of config.yaml: the run's identity, versions, device and machine."""
+def made_with(identity: dict[str, Any], learner: Mapping[str, int]) -> dict[str, int]:
+    """Return the versions of what the numbers of a run depend on beside those in its context: of its learner by name
+    (empty where the context has it), the training loop, and, on a river, its world and its rules."""
+    on_river = "env" in identity.get("context", {})
+    rivers = {"rules": versions.RULES, "world": versions.WORLD} if on_river else {}
+    return {**learner, "training": versions.TRAINING, **rivers}
+
+
+def describe(identity: dict[str, Any], threads: int, learner: Mapping[str, int]) -> dict[str, Any]:
+    """Return the content of config.yaml: the run's identity, versions, device and machine; `learner` as of
+    `made_with`."""
     device = identity.get(DEVICE, CPU)
     return {
         "run": identity,
         "versions": package_versions(),
+        MADE_WITH: made_with(identity, learner),
         "device": device,
         "machine": machine_info() | {"learning_threads": threads} | (gpu_info() if device == "cuda" else {}),
     }

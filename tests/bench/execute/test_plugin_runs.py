@@ -111,6 +111,7 @@ def test_a_changed_source_is_a_warning_and_a_note_and_does_nothing_again(mine: P
 def test_a_raised_version_does_its_runs_again_and_keeps_the_earlier_ones_apart(mine: Path, tmp_path: Path):
     folder, backend = tmp_path / "results", SmallBackend()
     run_suite(suite(), folder, SmallBackend())
+    before = current_sources(["PricedPG"])["PricedPG"]
     now = changed(mine, lambda text: text.replace("version=1", "version=2"))
     assert set(read_results(folder).outdated) == {"PricedPG (PricedPG 1)"}
     assert [entry.versions for entry in entries(folder)] == ["PricedPG 1", "current"]
@@ -118,6 +119,10 @@ def test_a_raised_version_does_its_runs_again_and_keeps_the_earlier_ones_apart(m
     assert trained(backend) == ["PricedPG-0"]
     sources = read_sources(folder)
     assert sources["PricedPG-0"] == {"PricedPG": now} and sources["PricedPG-1"] != {"PricedPG": now}
+    results = read_results(folder)
+    assert results.versions["PricedPG-1 (PricedPG 1)"]["PricedPG"] == 1
+    made = [results.made_by(name) for name in ("PricedPG", "PricedPG (PricedPG 1)")]
+    assert made == [f"PricedPG 2 ({now})", f"PricedPG 1 ({before})"]
     run_suite(suite(), folder, backend)
     assert trained(backend) == ["PricedPG-0", "PricedPG-1"]
     assert not (folder / "outdated").exists()

@@ -76,12 +76,14 @@ def test_what_critics_see_is_a_column():
 def test_what_critics_of_outdated_policies_saw_is_what_their_runs_recorded():
     suite = Suite("it", (Arm("PPO"), Arm("CUP"))).as_data()
     outdated = {f"{name} (render 1)": OutdatedPolicy(name, "render 1") for name in ("PPO", "CUP")}
-    recorded: dict[str, Versions] = {"PPO-0": {"render": 1, "PPO": 1}, "CUP-0": {"CUP": 1, "privileged": 1}}
+    told: Versions = {"render": 1, "CUP": 1, "privileged": 1}
+    recorded: dict[str, Versions] = {"PPO-0 (render 1)": {"render": 1, "PPO": 1}, "CUP-0 (render 1)": told}
     results = Results(Path(), suite, [], [], [], [], outdated=outdated, versions=recorded)
     more, same = "the privileged state and progress too", "what the policy sees"
     assert [results.critics_see(name) for name in (*outdated, "hover")] == [same, more, "none"]
     again = replace(results, runs=[RunRow("PPO-0", "train", "PPO", 0, 9, "finished")])
-    assert [again.critics_see(name) for name in ("PPO", "PPO (render 1)")] == [same, "unknown"]
+    again.versions["PPO-0"] = {"render": 3, "PPO": ALGORITHMS_NOW["PPO"], "privileged": 2}
+    assert [again.critics_see(name) for name in ("PPO", "PPO (render 1)")] == [more, same], "each by its own records"
     eye = replace(results, suite=suite | {"observation": "privileged"})
     assert eye.critics_see("CUP (render 1)") == "unknown", "the privileged observation says nothing of its critics"
     assert algorithm_table(results).text["critics see"].tolist() == [same, more], "an arm has been run as these alone"

@@ -123,7 +123,7 @@ def _flown_entry(
         missing=("current versions",) if name in results.outdated else tuple(missing),
         observation=observation,
         encoder=results.suite.get("encoder", "default"),
-        made_by=results.made_by([f"{policy}-0"]),
+        made_by=results.made_by(name),
         trained=False,
         taught=policy == PACKAGED,
     )

@@ -72,5 +72,5 @@ def arm_fields(results: Results, name: str, arm: dict[str, Any], usual: Flights,
         "critics_see": results.critics_see(name),
         "observation": observation_of(results.suite, arm),
         "encoder": encoder_of(results.suite, arm),
-        "made_by": results.made_by([f"{arm['name']}-{seed}" for seed in arm["seeds"]]),
+        "made_by": results.made_by(name),
     }

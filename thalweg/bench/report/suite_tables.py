@@ -1,8 +1,5 @@
 """The table of the suite's algorithms, and that of its runs."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from thalweg.algos.constraint.multiplier import MultiplierConfig
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.onpolicy.config import OnPolicyConfig
@@ -38,7 +35,7 @@ def algorithm_table(results: Results) -> Table:
     """
     columns, rows, seen = ["policy", "domain", "limit kept by", "method"], list[list[Cell]](), results.observations
     differs = any(observation != FRAMES for observation in seen.values())
-    plugins = {arm["name"]: _plugin_of(results, arm) for arm in arms_of(results.suite)}
+    plugins = {arm["name"]: results.made_by(arm["name"]) for arm in arms_of(results.suite)}
     columns += ["observation"] * differs + [CRITICS_SEE] + ["plug-in"] * any(plugins.values())
     for arm in arms_of(results.suite):
         entry = installed_algorithm(arm["algorithm"])
@@ -46,11 +43,6 @@ def algorithm_table(results: Results) -> Table:
         rows.append([arm["name"], *rest, *[seen[arm["name"]]] * differs, results.critics_see(arm["name"])])
         rows[-1] += [plugins[arm["name"]] or "none"] * any(plugins.values())
     return table_from_cells(columns, rows)
-
-
-def _plugin_of(results: Results, arm: Mapping[str, Any]) -> str:
-    """Return version and source of the plug-ins that the runs of an arm were made with; empty without any."""
-    return results.made_by([f"{arm['name']}-{seed}" for seed in arm["seeds"]])
 
 
 def runs_table(results: Results) -> Table:

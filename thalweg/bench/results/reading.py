@@ -171,14 +171,17 @@ def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, O
     def renamed(row: Any) -> Any:
         return replace(row, algorithm=name_of(row.algorithm, row.seed))
 
-    rows = []
-    for row in runs.rows:
-        name = name_of(row.algorithm, row.seed)
-        suffix = f" ({outdated[name].versions})" if name in outdated else ""
-        rows.append(replace(row, run=f"{row.run}{suffix}", algorithm=name))
+    def run_of(run: str) -> str:
+        policy, _, seed = run.rpartition("-")
+        name = name_of(policy, int(seed)) if seed.isdecimal() else ""
+        return outdated[name].run(int(seed)) if name in outdated else run
+
+    rows = [replace(row, run=run_of(row.run), algorithm=name_of(row.algorithm, row.seed)) for row in runs.rows]
     by_condition = {name: list(map(renamed, episodes)) for name, episodes in runs.by_condition.items()}
     episodes, training = (list(map(renamed, each)) for each in (runs.episodes, runs.training))
-    return _Runs(rows, episodes, by_condition, training, runs.versions, runs.sources), outdated
+    recorded = {run_of(run): found for run, found in runs.versions.items()}
+    sources = {run_of(run): found for run, found in runs.sources.items()}
+    return _Runs(rows, episodes, by_condition, training, recorded, sources), outdated
 
 
 def versions_today(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[str, int | None]:
@@ -244,8 +247,8 @@ def _with_outdated(runs: _Runs, outdated_runs: _Runs, outdated: Mapping[str, Out
             for name in conditions
         },
         runs.training + list(filter(is_shown, outdated_runs.training)),
-        runs.versions,
-        runs.sources,
+        outdated_runs.versions | runs.versions,
+        outdated_runs.sources | runs.sources,
     )
 
 

@@ -14,7 +14,7 @@ films/PPO-best.mp4, ...       the same for the best flight and the typical failu
 report/                       the report, made from the files above alone
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -110,6 +110,10 @@ class OutdatedPolicy:
         """The name of its runs in results: never that of runs with current versions, so that they are not mixed."""
         return f"{self.policy} ({self.versions})"
 
+    def run(self, seed: int) -> str:
+        """Return the name in results of its run with a seed."""
+        return f"{self.policy}-{seed} ({self.versions})"
+
 
 @dataclass(frozen=True)
 class Results:
@@ -130,7 +134,8 @@ class Results:
     outdated: dict[str, OutdatedPolicy] = field(default_factory=dict)
     """Policies with other versions, by the names that their runs and episodes have here."""
     versions: dict[str, Versions] = field(default_factory=dict)
-    """Versions of each run, as far as they are recorded, see `thalweg.bench.results.run_versions`."""
+    """Versions of each run by its name here (`runs_of`), as far as they are recorded, see
+    `thalweg.bench.results.run_versions`."""
     sources: dict[str, Sources] = field(default_factory=dict)
     """Hashes of the sources of the plug-ins that each run was made with; no entry for runs of the package alone."""
 
@@ -223,21 +228,20 @@ class Results:
         """Return what critics of a policy saw in training, see `SEEN_BY_CRITICS`; `none` for one that was not trained.
 
         Of a policy with other versions, whose defaults may have been others, it is what its runs recorded, or `unknown`
-        where records tell nothing: if there are none, if it sees the privileged observation itself, or has been run
-        again since. An arm that has been run with other versions alone has their answer.
+        where records tell nothing: if there are none, or if it sees the privileged observation itself. An arm that has
+        been run with other versions alone has their answer.
         """
         name = self.outdated[policy].policy if policy in self.outdated else policy
         arm = next((arm for arm in arms_of(self.suite) if arm["name"] == name), None)
         if arm is None:
             return "none"
-        rerun = name in {row.algorithm for row in self.runs}
         if policy not in self.outdated:
             older = {self.critics_see(each) for each, of in self.outdated.items() if of.policy == name}
-            if older and not rerun:
+            if older and name not in {row.algorithm for row in self.runs}:
                 return older.pop() if len(older) == 1 else "unknown"
             return SEEN_BY_CRITICS[name in self.with_asymmetric_critics]
-        records = [self.versions[run] for seed in arm["seeds"] if (run := f"{name}-{seed}") in self.versions]
-        if name in self.privileged or rerun or not records:
+        records = [self.versions[run] for run in self.runs_of(policy) if run in self.versions]
+        if name in self.privileged or not records:
             return "unknown"
         return SEEN_BY_CRITICS[any("privileged" in record for record in records)]
 
@@ -247,11 +251,20 @@ class Results:
         every = {"": self.episodes, **self.condition_episodes}
         return {(name, row.algorithm, row.seed, row.level) for name, rows in every.items() for row in rows}
 
-    def made_by(self, runs: Sequence[str]) -> str:
-        """Return version and source of all plug-ins and functions that runs were made with; empty for the package
-        alone."""
+    def runs_of(self, policy: str) -> list[str]:
+        """Return the names of the runs of a policy with all seeds of its arm; of one that was not trained, its only
+        one."""
+        old = self.outdated.get(policy)
+        name = policy if old is None else old.policy
+        arm = next((arm for arm in arms_of(self.suite) if arm["name"] == name), None)
+        seeds = [0] if arm is None else arm["seeds"]
+        return [f"{name}-{seed}" if old is None else old.run(seed) for seed in seeds]
+
+    def made_by(self, policy: str) -> str:
+        """Return version and source of all plug-ins and functions that the runs of a policy were made with; empty for
+        the package alone."""
         found: dict[str, None] = {}
-        for run in runs:
+        for run in self.runs_of(policy):
             for name, source in self.sources.get(run, {}).items():
                 found[f"{name} {self.versions.get(run, {}).get(name)} ({source})"] = None
         return ", ".join(found)

@@ -13,11 +13,11 @@ from thalweg.algos.common.state import CPU
 from thalweg.algos.imitation.config import ImitationConfig
 from thalweg.algos.imitation.student import Student
 from thalweg.algos.policy.actions import Actions
+from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.task.bird_eye import COLUMNS as MAP_COLUMNS
 from thalweg.env.task.bird_eye import ROWS as MAP_ROWS
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.train.imitation.imitate import Imitation
-from thalweg.train.imitation.teachers import OPTIONS
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,11 @@ class JointActions(Actions):
     @property
     def outputs(self) -> int:
         """M."""
-        return len(OPTIONS)
+        return len(MOVE_OPTIONS)
 
     def distribution(self, parameters: Tensor) -> JointMoves:
         """Return the distribution over moves at each state, from logits [B, M]."""
-        return JointMoves(parameters.log_softmax(-1), torch.from_numpy(OPTIONS))
+        return JointMoves(parameters.log_softmax(-1), torch.from_numpy(MOVE_OPTIONS))
 
 
 class JointStudent(Student):
@@ -80,4 +80,4 @@ class JointImitation(Imitation):
     ) -> JointStudent:
         """Return the student before it has learnt anything."""
         sizes = len(FEATURES), MAP_ROWS * MAP_COLUMNS
-        return JointStudent(config, JointActions(**vars(actions)), OPTIONS, sizes, self.seed, context, device)
+        return JointStudent(config, JointActions(**vars(actions)), MOVE_OPTIONS, sizes, self.seed, context, device)

@@ -37,9 +37,9 @@ from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.config import parse_config
 from thalweg.env import DoneReason
+from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.shield.config import ShieldConfig
 from thalweg.env.shield.moves import VERDICTS
-from thalweg.env.shield.shield import OPTIONS
 from thalweg.env.spaces import to_unit_actions
 from thalweg.env.task.rules import State, empty_outcome, step_all
 from thalweg.train import load_policy
@@ -79,7 +79,7 @@ class Noisy:
     def act(self, obs: np.ndarray, *, deterministic: bool, generator: torch.Generator) -> np.ndarray:
         """Return actions int [N, 4]: `obs`, the pilot's, or random ones."""
         drawn = torch.rand(len(obs), generator=generator).numpy() < self.share
-        moves = OPTIONS[torch.randint(len(OPTIONS), (len(obs),), generator=generator).numpy()]
+        moves = MOVE_OPTIONS[torch.randint(len(MOVE_OPTIONS), (len(obs),), generator=generator).numpy()]
         return np.where(drawn[:, None], moves, obs)
 
 

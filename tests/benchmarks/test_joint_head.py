@@ -13,8 +13,8 @@ import torch
 from thalweg.algos.imitation.config import ImitationConfig
 from thalweg.algos.imitation.targets import cross_entropy, move_log_probs
 from thalweg.algos.policy.actions import actions_of
+from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.spaces import action_space
-from thalweg.train.imitation.teachers import OPTIONS
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
@@ -55,11 +55,11 @@ def test_the_joint_student_has_a_logit_for_each_move_and_acts_by_the_greatest(jo
     student = imitation.new_student(
         config, actions_of(action_space("multidiscrete")), {"observation": config.observation}
     )
-    assert student.policy.actor.stack.sizes[-1] == len(OPTIONS) == 54
+    assert student.policy.actor.stack.sizes[-1] == len(MOVE_OPTIONS) == 54
     logits = torch.zeros(1, 54)
     logits[0, 17] = 3.0
     assert student.log_probs(logits).exp().sum().item() == pytest.approx(1.0)
-    assert student.policy.actions.distribution(logits).mode().tolist() == [OPTIONS[17].tolist()]
+    assert student.policy.actions.distribution(logits).mode().tolist() == [MOVE_OPTIONS[17].tolist()]
     player = student.policy.player(2)
     actions = player(np.zeros((2, 128, 128, 4), np.uint8), np.array([True, True]))
-    assert all(row in OPTIONS.tolist() for row in actions.tolist())
+    assert all(row in MOVE_OPTIONS.tolist() for row in actions.tolist())

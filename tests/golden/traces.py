@@ -38,15 +38,14 @@ from thalweg.core.config import parse_config
 from thalweg.encoder import DEFAULT_PATH, PACKAGED, load_encoder, train_encoder
 from thalweg.encoder.vae import VAEConfig
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.physics.wind import Wind
 from thalweg.env.shield.moves import VERDICTS
-from thalweg.env.shield.shield import OPTIONS as SHIELD_OPTIONS
 from thalweg.env.shield.shield import Shield
 from thalweg.env.shield.water_map import LEAST, MOST
 from thalweg.env.task.altimeter import heights_above_water
 from thalweg.render import Camera, Look, Renderer
 from thalweg.render.records.quality import QUALITIES
-from thalweg.train.imitation.flights import OPTIONS
 from thalweg.world import World, load_or_build
 
 Trace = dict[str, np.ndarray]
@@ -343,7 +342,7 @@ def imitation() -> Trace:
         env.step(env.pilot_actions("steady"))
     settings = {"observation": "mask", "filters": [4, 4, 4, 4], "features": 8, "memory_size": 8, "hidden": [8]}
     config = parse_config(ImitationConfig, settings)
-    student = Student(config, actions_of(env.single_action_space), OPTIONS, (3, 8), seed=0, context={})
+    student = Student(config, actions_of(env.single_action_space), MOVE_OPTIONS, (3, 8), seed=0, context={})
     rng = np.random.default_rng(0)
     losses = []
     for _ in range(3):
@@ -351,7 +350,7 @@ def imitation() -> Trace:
             torch.from_numpy(rng.integers(0, 256, (4, 4, 128 * 128 + 4)).astype(np.uint8) % 4),
             torch.from_numpy(rng.random((4, 4)) < 0.2),
             torch.zeros(4, 8),
-            torch.from_numpy(rng.normal(size=(4, 4, len(OPTIONS))).astype(np.float32)),
+            torch.from_numpy(rng.normal(size=(4, 4, len(MOVE_OPTIONS))).astype(np.float32)),
             torch.from_numpy(rng.normal(size=(4, 4, 3)).astype(np.float32)),
             torch.from_numpy(rng.integers(0, 2, (4, 4, 8)).astype(np.uint8)),
         )
@@ -366,7 +365,7 @@ def shield() -> Trace:
     masks, _ = env.reset(seed=3)
     guard, rng, verdicts = Shield(4), np.random.default_rng(7), []
     for _ in range(40):
-        random = SHIELD_OPTIONS[rng.integers(len(SHIELD_OPTIONS), size=4)]
+        random = MOVE_OPTIONS[rng.integers(len(MOVE_OPTIONS), size=4)]
         proposed = np.where(rng.random((4, 1)) < 0.5, random, env.pilot_actions("scripted"))
         heights = heights_above_water(env.courses, env.state)
         made, found = guard.screen(np.arange(4), masks[..., 0], heights, proposed)

@@ -30,7 +30,7 @@ PROPORTIONAL = (
 INVERSELY_PROPORTIONAL = ("updates_per_step",)
 """Settings that are divided by num_envs / REFERENCE_ENVS."""
 
-IMAGES: Settings = {"passes": 4, "learning_rate": 3e-4, "curvature_steps": 256}
+FOR_IMAGES: Settings = {"passes": 4, "learning_rate": 3e-4, "curvature_steps": 256}
 """Defaults of on-policy algorithms with policy=cnn, whose gradient steps take hundreds of times as long as those of
 a perceptron of codes."""
 
@@ -256,7 +256,7 @@ def settings_for_envs(config: type, num_envs: int) -> dict[str, Any]:
 def settings_for_images(config: type, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the defaults of a config that differ for a policy that sees images; none for any other."""
     names = [field.name for field in dataclasses.fields(config)]
-    return {name: value for name, value in IMAGES.items() if name in names} if given.get("policy") == "cnn" else {}
+    return {name: value for name, value in FOR_IMAGES.items() if name in names} if given.get("policy") == "cnn" else {}
 
 
 def settings_of(algorithm: str, preset: str) -> Settings:

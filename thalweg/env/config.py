@@ -15,7 +15,7 @@ from pydantic import BeforeValidator, Field, InstanceOf, PositiveInt, model_vali
 
 from thalweg.core.config import FiniteNonNegative, FinitePositive, Hint, PairOf, frozen_config, refuse_unknown
 from thalweg.env.errors import ConfigError
-from thalweg.env.observation import DRAWN, LAYERS, Observation, parts_of
+from thalweg.env.observation import BESIDE_FRAMES, DRAWN, Observation, parts_of
 from thalweg.env.physics.feasible import check_forces
 from thalweg.env.physics.inertia import Inertia
 from thalweg.env.physics.ranges import FromNumber, InOrder
@@ -317,7 +317,7 @@ class EnvConfig:
     @property
     def draws_layers(self) -> bool:
         """Whether depth and class are drawn for an observation."""
-        return any(part in LAYERS for part in self.parts)
+        return any(part in BESIDE_FRAMES for part in self.parts)
 
     def seen_through(self, inputs: str) -> "EnvConfig":
         """Return the config for an encoder of `inputs`, such as "mask": nothing is drawn that it does not see."""

@@ -17,7 +17,7 @@ PARTS: tuple[Part, ...] = get_args(Part)
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 DRAWN: tuple[Part, ...] = ("rgb", "mask", "depth", "class")
 """Parts that are drawn."""
-LAYERS: tuple[Part, ...] = ("depth", "class")
+BESIDE_FRAMES: tuple[Part, ...] = ("depth", "class")
 """Drawn parts that no frame has, see `thalweg.render.Renderer.render_layers`."""
 PARTS_OF_PRESETS: dict[str, tuple[Part, ...]] = {
     "rgb+mask": ("rgb", "mask"),

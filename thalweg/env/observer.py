@@ -18,7 +18,7 @@ from thalweg.env.task.proprioception import PROPRIOCEPTION, feel_all, no_last_st
 from thalweg.env.task.rules import State
 from thalweg.env.vehicle.boat_eye import see_boats
 
-LAYERS = {"rgb": "rgb", "mask": "mask", "depth": "depth_m", "class": "class_id"}
+FIELDS = {"rgb": "rgb", "mask": "mask", "depth": "depth_m", "class": "class_id"}
 """Field of a `thalweg.render.Frame` that holds a part of an observation."""
 REMEMBERED = {"last_pose": "pose", "last_action": "action"}
 """Field of a `LastStep` by its name in a snapshot."""
@@ -142,7 +142,7 @@ class Observer:
         """Return those parts of observations [M, H, W, ...] that are drawn."""
         parts = self.config.parts
         if self.config.draws_layers:
-            wanted = {part: field for part, field in LAYERS.items() if part in parts}
+            wanted = {part: field for part, field in FIELDS.items() if part in parts}
             frame: Any = self.frames.render_layers(
                 views,
                 tuple(wanted.values()),  # pyright: ignore[reportArgumentType]

@@ -254,7 +254,7 @@ class RiverVectorEnv(VectorEnv):
         return from_unit_actions(self.config.action, chosen.unit_actions(state), self.config.fast_ratio)
 
     def move_worths(self) -> np.ndarray:
-        """Return the worths [N, M] of all `thalweg.env.pilot.steady.MOVES` in the current state, as the steady pilot
+        """Return the worths [N, M] of all `thalweg.env.moves.MOVES` in the current state, as the steady pilot
         judges them; see `SteadyPilot.worths`. Raises `gymnasium.error.ResetNeeded` before the first reset."""
         chosen, state = self._pilot("steady")
         return chosen.worths(state)

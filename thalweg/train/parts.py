@@ -13,7 +13,7 @@ from torch import Tensor
 
 from thalweg.train.errors import TrainingError
 
-IMAGES = ("rgb", "mask")
+IMAGE_PARTS = ("rgb", "mask")
 """Parts that are channels of the image, in order."""
 
 
@@ -26,7 +26,7 @@ class ObservationParts:
         found = {name: _shape(part) for name, part in parts.items()}
         images = [name for name in found if len(found[name]) == 3]
         self._named = isinstance(space, gym.spaces.Dict)
-        self._images = [name for name in IMAGES if name in images] if self._named else images
+        self._images = [name for name in IMAGE_PARTS if name in images] if self._named else images
         # Numbers of an ideal eye come first, as they do where they are all there is.
         self._numbers = sorted((name for name in found if len(found[name]) == 1), key=lambda name: name != "privileged")
         strange = sorted(set(found) - {*self._images, *self._numbers})

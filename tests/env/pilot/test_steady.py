@@ -9,9 +9,10 @@ from tests.env.flights import at
 from tests.env.handmade import canal, ring
 from tests.env.winding import river
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
+from thalweg.env.moves import MOVES
 from thalweg.env.pilot.bank_view import sight_height
 from thalweg.env.pilot.heights import UNBOUNDED
-from thalweg.env.pilot.steady import FAILURE, HORIZON, MOVES, SteadyPilot
+from thalweg.env.pilot.steady import FAILURE, HORIZON, SteadyPilot
 from thalweg.env.pilot.ways import plan_ways
 from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.env.rivers.river_list import RiverList

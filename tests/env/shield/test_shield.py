@@ -9,9 +9,10 @@ import pytest
 from tests.env.shield.channel import Channel, straight
 from thalweg.env import EnvConfig
 from thalweg.env.config import ConfigError
+from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.shield.config import ShieldConfig
 from thalweg.env.shield.moves import DEAD_END, HEIGHT, LAND, PERMITTED, TURN
-from thalweg.env.shield.shield import OPTIONS, Shield
+from thalweg.env.shield.shield import Shield
 from thalweg.env.spaces import ActionError, to_unit_actions
 from thalweg.env.task.motion import Pose, UnitAction, move
 from thalweg.render import Camera
@@ -67,7 +68,7 @@ def test_random_moves_never_leave_a_channel_that_was_seen():
     for _ in range(6):
         flight.step(FORWARD)
     for _ in range(400):
-        flight.step(tuple(OPTIONS[rng.integers(len(OPTIONS))]))
+        flight.step(tuple(MOVE_OPTIONS[rng.integers(len(MOVE_OPTIONS))]))
         assert abs(flight.pose.y) < 4.0 and 3.5 - 1.0 <= flight.pose.z <= 14.7
     assert {LAND, HEIGHT} <= set(flight.verdicts)
 
@@ -87,7 +88,7 @@ def test_odometry_is_exact_over_hundreds_of_steps():
     rng = np.random.default_rng(2)
     flight = Flight(Channel(lambda x, y: np.full(x.shape, True)), (7.0, -3.0, 5.0, 2.0))
     for _ in range(400):
-        flight.step(tuple(OPTIONS[rng.integers(len(OPTIONS))]))
+        flight.step(tuple(MOVE_OPTIONS[rng.integers(len(MOVE_OPTIONS))]))
     x, y, _, yaw = flight.shield.vehicles.pose[0]
     cos, sin = math.cos(2.0), math.sin(2.0)
     assert np.allclose((7.0 + x * cos - y * sin, -3.0 + x * sin + y * cos), flight.pose[:2], atol=1e-9)
@@ -208,7 +209,7 @@ def test_vehicles_do_not_depend_on_one_another():
     both, alone = Shield(2), Shield(1)
     poses = [Pose(0.0, 0.0, 5.0, 0.0), Pose(0.0, 1.0, 6.0, 0.2)]
     for _ in range(40):
-        actions = OPTIONS[rng.integers(len(OPTIONS), size=2)]
+        actions = MOVE_OPTIONS[rng.integers(len(MOVE_OPTIONS), size=2)]
         masks = np.stack([channel.mask(np.array(pose)) for pose in poses])
         heights = np.array([pose.z for pose in poses])
         made, _ = both.screen(np.arange(2), masks, heights, actions)

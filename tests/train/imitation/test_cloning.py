@@ -17,13 +17,12 @@ from thalweg.core import versions
 from thalweg.datasets.episode import About, RecordedEpisode
 from thalweg.datasets.errors import DatasetError
 from thalweg.datasets.recordings import add_flight, recording
-from thalweg.env.pilot.steady import MOVES
+from thalweg.env.moves import MOVE_OPTIONS, MOVES
 from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import read_config
 from thalweg.train.imitation.cloning import Cloning, CloningTrainer
 from thalweg.train.imitation.recorded_flights import RecordedFlights
-from thalweg.train.imitation.teachers import OPTIONS
 
 CAMERA = {"height_px": 128, "width_px": 128, "fov_deg": 60.0, "pitch_deg": 20.0}
 ABOUT = replace(episodes.ABOUT, camera=CAMERA, versions={"RENDER": versions.RENDER}, layers=("mask",))
@@ -61,7 +60,7 @@ def test_sequences_are_the_recorded_steps_with_the_action_before_each(tmp_path: 
     np.testing.assert_array_equal(images[:, 0, ..., :3], np.concatenate([first.rgb[:5], second.rgb[:4]]))
     wanted = np.concatenate([first.options, second.options])
     best = sequences.worths[:, 0].argmax(axis=1)
-    np.testing.assert_array_equal(OPTIONS[best], wanted)
+    np.testing.assert_array_equal(MOVE_OPTIONS[best], wanted)
     last = sequences.last[:, 0]
     assert (last[[0, 5]] == NO_OPTION).all()
     np.testing.assert_array_equal(last[1:5], wanted[0:4])

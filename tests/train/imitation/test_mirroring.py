@@ -5,11 +5,11 @@ import pytest
 
 from tests.env.handmade import canal
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.task.bird_eye import COLUMNS, ROWS, open_water
 from thalweg.env.task.ideal_eye import FEATURES, mirrored
 from thalweg.train.imitation.mirroring import ORDER, mirror
 from thalweg.train.imitation.sequences import Sequences
-from thalweg.train.imitation.teachers import OPTIONS
 
 POSES = np.array([[15.0, 1.0, 4.2, 0.3], [21.0, -0.5, 5.1, -1.1], [30.0, 0.2, 3.0, 0.0]])
 
@@ -39,8 +39,8 @@ def test_the_teacher_judges_mirrored_moves_alike():
 
 
 def test_moves_in_a_mirror_turn_and_step_to_the_other_side():
-    assert OPTIONS[ORDER][:, [0, 2]].tolist() == OPTIONS[:, [0, 2]].tolist()
-    assert OPTIONS[ORDER][:, [1, 3]].tolist() == (2 - OPTIONS[:, [1, 3]]).tolist()
+    assert MOVE_OPTIONS[ORDER][:, [0, 2]].tolist() == MOVE_OPTIONS[:, [0, 2]].tolist()
+    assert MOVE_OPTIONS[ORDER][:, [1, 3]].tolist() == (2 - MOVE_OPTIONS[:, [1, 3]]).tolist()
 
 
 def sequences(rng: np.random.Generator, length: int, count: int) -> Sequences:
@@ -51,7 +51,7 @@ def sequences(rng: np.random.Generator, length: int, count: int) -> Sequences:
             "last": rng.integers(-1, 3, (length, count, 4)).astype(np.int8),
             "fresh": np.zeros((length, count), bool),
             "start": np.ones((count, 5), np.float32),
-            "worths": rng.normal(size=(length, count, len(OPTIONS))).astype(np.float32),
+            "worths": rng.normal(size=(length, count, len(MOVE_OPTIONS))).astype(np.float32),
             "privileged": rng.normal(size=(length, count, len(FEATURES))).astype(np.float32),
             "maps": rng.integers(0, 256, (length, count, ROWS * COLUMNS // 8)).astype(np.uint8),
         }

@@ -5,8 +5,8 @@ import pytest
 
 from tests.env import handmade
 from thalweg.env import EnvConfig, RiverVectorEnv
-from thalweg.env.pilot.steady import MOVES
-from thalweg.train.imitation.teachers import OPTIONS, choice_worths, teacher_worths
+from thalweg.env.moves import MOVE_OPTIONS, MOVES
+from thalweg.train.imitation.teachers import choice_worths, teacher_worths
 
 
 def test_the_chosen_move_is_worth_nothing_less_and_all_others_one():
@@ -27,9 +27,9 @@ def test_the_best_moves_are_those_of_the_chosen_pilot():
     differs = 0
     for _ in range(20):
         chosen = env.pilot_actions("scripted")
-        assert np.array_equal(OPTIONS[teacher_worths(env, "scripted").argmax(axis=1)], chosen)
+        assert np.array_equal(MOVE_OPTIONS[teacher_worths(env, "scripted").argmax(axis=1)], chosen)
         steady = teacher_worths(env, "steady")
         assert np.array_equal(steady, env.move_worths())
-        differs += int((OPTIONS[steady.argmax(axis=1)] != chosen).any(axis=1).sum())
+        differs += int((MOVE_OPTIONS[steady.argmax(axis=1)] != chosen).any(axis=1).sum())
         env.step(chosen)
     assert differs > 10

@@ -26,7 +26,7 @@ OBSERVATIONS = (*IMAGES, PRIVILEGED, FRAMES)
 """What a function may see: images, the privileged observation, or the codes of an encoder."""
 REFERENCE = re.compile(r".+:[^\W\d]\w*")
 """A file or a module, and a name in it."""
-OPTIONS = BRANCHES[0]
+OPTIONS_OF_A_BRANCH = BRANCHES[0]
 """Options of each of the four branches of an action."""
 
 
@@ -116,7 +116,7 @@ class FunctionPlayer:
     def _checked(self, given: Any, row: np.ndarray) -> np.ndarray:
         action = np.asarray(given)
         whole = action.shape == (len(BRANCHES),) and action.dtype.kind in "iu"
-        if not whole or action.min() < 0 or action.max() >= OPTIONS:
+        if not whole or action.min() < 0 or action.max() >= OPTIONS_OF_A_BRANCH:
             raise ResultsError(
                 f"{self._name} returned {given!r} for an observation {row.dtype} {list(row.shape)}; an action is four"
                 " whole numbers, each 0, 1 or 2: vertical, yaw, longitudinal, lateral"

@@ -7,7 +7,6 @@ flies on by a simple law under the exact rules, and adds up progress and what is
 ahead on the route. The pilot is deterministic and keeps no state.
 """
 
-import itertools
 import math
 from functools import partial
 
@@ -16,6 +15,7 @@ import numpy as np
 from thalweg.core.compute.jit import kernel
 from thalweg.core.compute.threads import run_in_threads
 from thalweg.env.config import EnvConfig
+from thalweg.env.moves import MOVES
 from thalweg.env.pilot.bank_view import sight_height
 from thalweg.env.pilot.ways import Ways, missing_clearance, plan_ways, pursued_point
 from thalweg.env.task.course_arrays import CourseArrays
@@ -29,8 +29,6 @@ from thalweg.env.task.progress import (
 from thalweg.env.task.rules import State, pose_of
 from thalweg.env.task.termination import rule_broken
 
-MOVES = np.array(list(itertools.product((0, 1, -1), (0, 1, -1), (1, 0), (0, 1, -1))), dtype=np.int64)
-"""[M, 4] all moves, as unit actions: up, turn left, forward, left. A move backward is none: it has no effect."""
 HORIZON = 8
 """Simulated steps for each move."""
 LOOKAHEAD_M = 4.0

@@ -4,7 +4,6 @@ It knows what a vehicle may know: its camera, the masks, its height above the wa
 It knows no map of the world. N vehicles are shielded side by side.
 """
 
-import itertools
 import math
 from typing import NamedTuple
 
@@ -12,18 +11,17 @@ import numpy as np
 
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, integer_at_least
+from thalweg.env.moves import MOVE_OPTIONS, MOVES
 from thalweg.env.shield.config import ShieldConfig
 from thalweg.env.shield.moves import PERMITTED, Bounds, Vehicles, advance, change_of, judge
 from thalweg.env.shield.sight import Optics, look
 from thalweg.env.shield.water_map import WaterMaps, empty_maps, enter_own_place, follow, forget
-from thalweg.env.spaces import from_unit_actions, to_unit_actions
+from thalweg.env.spaces import to_unit_actions
 from thalweg.env.task.motion import Pose, UnitAction
 from thalweg.render.records.appearance import HALF_H, HALF_W, PITCH, look_rows, look_values
 
-MOVES = np.array(list(itertools.product((0.0, 1.0, -1.0), (0.0, 1.0, -1.0), (1.0, 0.0), (0.0, 1.0, -1.0))))
-"""[M, 4] the moves that may replace a vetoed one, as unit actions; the vehicle never flies backwards of its own."""
-OPTIONS = from_unit_actions("multidiscrete", MOVES.astype(np.int64))
-"""[M, 4] their options in each branch."""
+UNIT_MOVES = MOVES.astype(np.float64)
+"""[M, 4] the moves that may replace a vetoed one."""
 DEFAULT_SHIELD = ShieldConfig()
 
 
@@ -109,9 +107,9 @@ class Shield:
                 f" {list(masks.shape)} and {list(np.shape(heights))}"
             )
         proposed = to_unit_actions("multidiscrete", actions, count)
-        worths = np.zeros((count, len(MOVES)))
+        worths = np.zeros((count, len(UNIT_MOVES)))
         if log_probs is not None:
-            worths[:] = np.asarray(log_probs)[:, np.arange(OPTIONS.shape[1]), OPTIONS].sum(-1)
+            worths[:] = np.asarray(log_probs)[:, np.arange(MOVE_OPTIONS.shape[1]), MOVE_OPTIONS].sum(-1)
         made, verdicts = np.empty((count, 4)), np.empty(count, np.int64)
         _screen_all(
             (self.maps, self.vehicles, self.optics),
@@ -120,7 +118,7 @@ class Shield:
             np.empty(masks.shape[1:], np.uint8),
             np.ascontiguousarray(heights, np.float64),
             (self.bounds, self.limits),
-            (MOVES, worths, log_probs is not None),
+            (UNIT_MOVES, worths, log_probs is not None),
             proposed,
             (made, verdicts),
         )

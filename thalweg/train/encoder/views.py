@@ -14,7 +14,7 @@ import numpy as np
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.frame_renderer import Views
-from thalweg.env.pilot.steady import MOVES
+from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import from_unit_actions
 from thalweg.env.task.ideal_eye import FEATURES
@@ -37,9 +37,7 @@ FLIGHT_STEPS, STRIDE = 32, 4
 """Steps of a flight, of which one in `STRIDE` is a view, the start included."""
 MOST_NOISE = 0.5
 """Greatest share of random moves; that of each flight is drawn from 0 to this."""
-RANDOM_MOVES = from_unit_actions("multidiscrete", MOVES)
-"""[M, 4] options of the moves of which random ones are drawn."""
-FORWARD = from_unit_actions("multidiscrete", np.array([[0, 0, 1, 0]]))
+AHEAD = from_unit_actions("multidiscrete", np.array([[0, 0, 1, 0]]))
 TARGETS = FEATURES
 """Names of the T quantities that are true of a view of the paper's task: those of the ideal eye."""
 
@@ -125,9 +123,9 @@ def _flights(rivers: RiverList, each: int, seed: int, task: str, camera: Camera)
         for step in range(FLIGHT_STEPS):
             if step % STRIDE == 0:
                 notes.append(_noted(env, generator))
-            actions = FORWARD if pilot == STRAIGHT else env.pilot_actions(pilot)
+            actions = AHEAD if pilot == STRAIGHT else env.pilot_actions(pilot)
             other = generator.random(env.num_envs) < noise
-            chosen = RANDOM_MOVES[generator.integers(len(RANDOM_MOVES), size=env.num_envs)]
+            chosen = MOVE_OPTIONS[generator.integers(len(MOVE_OPTIONS), size=env.num_envs)]
             env.step(np.where(other[:, None], chosen, actions))
     env.close()
     return _joined(notes[:each])

@@ -23,6 +23,7 @@ from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
 from thalweg.core.config import parse_config, to_plain
 from thalweg.env import EnvConfig
+from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.spaces import action_space
 from thalweg.env.task.bird_eye import COLUMNS, ROWS
 from thalweg.env.task.ideal_eye import FEATURES
@@ -34,7 +35,6 @@ from thalweg.train.imitation.mask_noise import corrupt
 from thalweg.train.imitation.mirroring import mirror
 from thalweg.train.imitation.recorded_flights import RecordedFlights
 from thalweg.train.imitation.student_trainer import StudentTrainer
-from thalweg.train.imitation.teachers import OPTIONS
 from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics
 from thalweg.train.run_in_folder import RunResult, check_numbers, open_folder, result_of, train_to_end
 
@@ -92,7 +92,7 @@ class Cloning:
             return result_of(self.folder, status, resumed_from=None, already_finished=True)
         actions, sizes = actions_of(action_space("multidiscrete")), (len(FEATURES), ROWS * COLUMNS)
         with torch_threads(1):
-            student = Student(config, actions, OPTIONS, sizes, self.seed, identity["context"], device)
+            student = Student(config, actions, MOVE_OPTIONS, sizes, self.seed, identity["context"], device)
         student.policy.about = About(ALGORITHM, to_plain(config), identity["context"])
         trainer = CloningTrainer(flights, student, self.steps, self.sequences, self.seed, threads)
         return train_to_end(

@@ -17,11 +17,12 @@ from thalweg.algos.policy.vision import NO_OPTION, rows_of, write_rows
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.env import RiverVectorEnv
 from thalweg.env.frame_renderer import Views
+from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.task.bird_eye import open_water
 from thalweg.train.imitation.mask_noise import corrupt
 from thalweg.train.imitation.mirroring import mirror
 from thalweg.train.imitation.sequences import Sequences
-from thalweg.train.imitation.teachers import OPTIONS, teacher_worths
+from thalweg.train.imitation.teachers import teacher_worths
 
 PLAIN = ("river", "pose", "time_s", "segment", "travel", "last", "fresh", "worths", "privileged", "maps")
 """What is noted of each step, by the fields of `Sequences`."""
@@ -37,7 +38,7 @@ class Flights:
         self._player = NetworkPlayer(student.policy, env.num_envs, False, student.generator)
         self.images = np.zeros((0,), np.uint8)
         """[N, H, W, C] of the current state."""
-        self.last = np.full((env.num_envs, OPTIONS.shape[1]), NO_OPTION)
+        self.last = np.full((env.num_envs, MOVE_OPTIONS.shape[1]), NO_OPTION)
         self.fresh = np.ones(env.num_envs, bool)
         self.taught = np.ones(env.num_envs, bool)
         """[N] whether the teacher flies the episode."""
@@ -81,9 +82,11 @@ class Flights:
         with torch_threads(1):
             seen = torch.from_numpy(rows), torch.from_numpy(self.fresh.copy())
             raw = self._player.raw(*(tensor.to(self.student.device) for tensor in seen)).cpu()
-        options = np.where(self.taught[:, None], OPTIONS[worths.argmax(axis=1)], raw.numpy())
+        options = np.where(self.taught[:, None], MOVE_OPTIONS[worths.argmax(axis=1)], raw.numpy())
         random_moves = self.rng.random(count) < noise
-        options = np.where(random_moves[:, None], OPTIONS[self.rng.integers(len(OPTIONS), size=count)], options)
+        options = np.where(
+            random_moves[:, None], MOVE_OPTIONS[self.rng.integers(len(MOVE_OPTIONS), size=count)], options
+        )
         self.last = options.astype(np.int64)
         return options
 

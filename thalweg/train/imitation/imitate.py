@@ -17,6 +17,7 @@ from thalweg.core.compute.torch_threads import default_torch_threads, torch_thre
 from thalweg.core.config import parse_config, to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.bird_eye import COLUMNS, ROWS
@@ -26,7 +27,6 @@ from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, device_identity, read_context
 from thalweg.train.imitation.gate import check_teacher, flown_by
-from thalweg.train.imitation.teachers import OPTIONS
 from thalweg.train.imitation.trainer import ImitationTrainer
 from thalweg.train.river import announce_build, banks_version, print_once
 from thalweg.train.run_in_folder import RunResult, check_numbers, open_folder, result_of, train_to_end
@@ -103,7 +103,7 @@ class Imitation:
         self, config: ImitationConfig, actions: Actions, context: dict[str, Any], device: torch.device = CPU
     ) -> Student:
         """Return the student before it has learnt anything; `context` is kept in its policy's file."""
-        return Student(config, actions, OPTIONS, (len(FEATURES), ROWS * COLUMNS), self.seed, context, device)
+        return Student(config, actions, MOVE_OPTIONS, (len(FEATURES), ROWS * COLUMNS), self.seed, context, device)
 
     def _rivers(self, grounds: Sequence[Level | Reach], seeds: Sequence[int]) -> RiverList:
         """Return the rivers of the levels, or the real river with the plants and hills of each seed."""

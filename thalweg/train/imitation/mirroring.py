@@ -7,19 +7,18 @@ L steps of a sequence, C sequences, M moves.
 import numpy as np
 
 from thalweg.algos.policy.vision import NO_OPTION
-from thalweg.env.pilot.steady import MOVES
+from thalweg.env.moves import MOVE_OPTIONS, MOVES
 from thalweg.env.task.bird_eye import COLUMNS, ROWS
 from thalweg.env.task.ideal_eye import mirrored
 from thalweg.train.flip import flipped
 from thalweg.train.imitation.sequences import Sequences
-from thalweg.train.imitation.teachers import OPTIONS
 
 SIDEWAYS = [1, 3]
 """Branches of an action that have sides: turns, and steps aside."""
 SIGNS = np.where(np.isin(np.arange(MOVES.shape[1]), SIDEWAYS), -1, 1)
 ORDER = (MOVES[:, None] == (MOVES * SIGNS)[None]).all(-1).argmax(axis=0)
 """[M] the move that each one is in a mirror."""
-GREATEST_OPTION = OPTIONS.max()
+GREATEST_OPTION = MOVE_OPTIONS.max()
 """Greatest option of a branch; in a mirror, option k becomes `GREATEST_OPTION` - k."""
 
 

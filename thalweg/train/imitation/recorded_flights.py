@@ -14,7 +14,7 @@ from thalweg.algos.policy.vision import NO_OPTION
 from thalweg.core import versions
 from thalweg.datasets.episode import About, RecordedEpisode
 from thalweg.datasets.recordings import read_recordings
-from thalweg.env.pilot.steady import MOVES
+from thalweg.env.moves import MOVES
 from thalweg.env.spaces import FORWARD
 from thalweg.env.task.bird_eye import COLUMNS, ROWS
 from thalweg.env.task.ideal_eye import FEATURES

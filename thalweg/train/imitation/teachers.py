@@ -4,11 +4,8 @@ import numpy as np
 
 from thalweg.algos.imitation.config import Teacher
 from thalweg.env import RiverVectorEnv
-from thalweg.env.pilot.steady import MOVES
-from thalweg.env.spaces import from_unit_actions
+from thalweg.env.moves import MOVE_OPTIONS
 
-OPTIONS = from_unit_actions("multidiscrete", MOVES)
-"""[M, 4] the options of each move."""
 OTHER_MOVE = -1.0
 """Worth of every move but the chosen one, of worth 0, of a teacher that judges none."""
 
@@ -23,7 +20,7 @@ def choice_worths(actions: np.ndarray) -> np.ndarray:
 
     Raises `ValueError` for options that are those of no move.
     """
-    chosen = (OPTIONS[None] == actions[:, None]).all(-1)
+    chosen = (MOVE_OPTIONS[None] == actions[:, None]).all(-1)
     if not chosen.any(axis=1).all():
         raise ValueError(f"{actions[~chosen.any(axis=1)][0].tolist()} are the options of no move")
     return np.where(chosen, 0.0, OTHER_MOVE)

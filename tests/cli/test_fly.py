@@ -13,7 +13,9 @@ from typing import Any
 
 import pytest
 
-from thalweg.cli.fly import Fly, _name_of
+from tests.image_policies import image_policy
+from thalweg.cli.flight_options import free_name
+from thalweg.cli.fly import Fly
 from thalweg.cli.main import main
 from thalweg.viewer.errors import ViewerError
 from thalweg.viewer.flight.looks import LOOKS
@@ -90,10 +92,20 @@ def test_a_port_is_never_shared_with_another_program(windows: bool, option: str,
 
 
 def test_policies_of_one_name_are_told_apart():
-    assert [_name_of("policy", taken) for taken in ({}, {"policy": 1}, {"policy": 1, "policy (2)": 1})] == [
+    assert [free_name("policy", taken) for taken in ([], ["policy"], ["policy", "policy (2)"])] == [
         *("policy", "policy (2)", "policy (3)")
     ]
     assert list(Fly()._loaders()) == ["packaged"]
+
+
+def test_a_policy_does_not_stand_for_a_pilot_of_its_folders_name(tmp_path: Path):
+    given = []
+    for name in ("steady", "hand", "packaged"):
+        (tmp_path / name).mkdir()
+        image_policy("rgb", 32).save(tmp_path / name / "policy.safetensors")
+        given.append(str(tmp_path / name))
+    assert list(Fly(policies=tuple(given))._loaders()) == ["steady (2)", "hand (2)", "packaged (2)", "packaged"]
+    assert list(Fly(policies=("packaged",))._loaders()) == ["packaged"]
 
 
 def heed_interrupts() -> None:

@@ -10,6 +10,7 @@ import pytest
 from tests.image_policies import image_policy
 from thalweg.cli.flown_files import flown_files
 from thalweg.cli.main import main
+from thalweg.datasets import draft
 from thalweg.datasets.recordings import read_recordings
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import Camera
@@ -140,6 +141,37 @@ def test_a_policy_counts_by_its_file(tmp_path: Path):
     assert flown_files(str(other), None, ()) == found
     image_policy("mask", 32).save(run / "policy.safetensors")
     assert flown_files(str(run), None, ())["policy"]["content"] != found["policy"]["content"]
+
+
+def test_a_policy_flies_whatever_its_folder_is_called(tmp_path: Path, easy_world: World):
+    run, out = tmp_path / "steady", tmp_path / "flights"
+    run.mkdir()
+    image_policy("rgb+mask").save(run / "policy.safetensors")
+    assert main(["record", str(run), "--level", "easy", "--episodes", "1", "--steps", "2", "--out", str(out)]) == 0
+    (found,) = read_recordings(out)[1]
+    assert set(found.pilots) == {"steady (2)"}
+
+
+def test_a_function_steers_the_boat(tmp_path: Path):
+    mine, out = tmp_path / "mine.py", tmp_path / "flights"
+    mine.write_text("def fly(image):\n    return 1, 1, 2, 1\n")
+    command = ["record", f"{mine}:fly", "--vehicle", "asv", "--level", "easy", "--episodes", "1", "--steps", "2"]
+    assert main([*command, "--size", "32", "--layers", "mask", "--out", str(out)]) == 0
+    assert [flight.steps for flight in read_recordings(out)[1]] == [2]
+
+
+def test_flights_that_another_command_recorded_meanwhile_are_not_recorded_twice(
+    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    command = ["record", "steady", "--level", "easy", "--episodes", "3", "--steps", "2", "--size", "32"]
+    command += ["--out", str(tmp_path / "flights")]
+    interrupt_second_flight(command, monkeypatch)
+    read, before_the_others = draft.finished_flights, iter([[]])
+    with monkeypatch.context() as earlier:
+        earlier.setattr(draft, "finished_flights", lambda folder: next(before_the_others, read(folder)))
+        assert main(command) == 2
+    assert "another command recorded flights there meanwhile" in capsys.readouterr().err
+    assert main(command) == 0 and len(list(read_recordings(tmp_path / "flights")[1])) == 3
 
 
 @pytest.mark.parametrize("form", ["lerobot", "minari"])

@@ -1,5 +1,6 @@
 """Options that choose a flight: river, start, task, vehicle and look."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -60,6 +61,15 @@ class ChosenFlight(Command):
         )
         options.rules  # noqa: B018  # options that do not go together are refused
         return Rivers(reach), options
+
+
+def free_name(given: str, taken: Collection[str]) -> str:
+    """Return the name of a policy for people, numbered if it is that of something else."""
+    name = policy_name(given)
+    number, free = 2, name
+    while free in taken:
+        free, number = f"{name} ({number})", number + 1
+    return free
 
 
 def policy_name(given: str) -> str:

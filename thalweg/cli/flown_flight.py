@@ -7,7 +7,7 @@ from typing import Any
 
 from tyro.conf import Positional
 
-from thalweg.cli.flight_options import ChosenFlight, policy_name
+from thalweg.cli.flight_options import ChosenFlight, free_name
 from thalweg.cli.options import NO_FILE, UsageError
 
 SAVED = ".npz"
@@ -40,12 +40,13 @@ class FlownFlight(ChosenFlight):
         """
         from thalweg.cli.evaluate import load_named_policy
         from thalweg.viewer.flight.cockpit import Cockpit
-        from thalweg.viewer.flight.flyers import PILOTS
+        from thalweg.viewer.flight.flyers import HAND, PILOTS
         from thalweg.viewer.flight.recording import Folder
 
         rivers, options = self.chosen(size_px)
-        name, load = policy_name(self.flight), cache(partial(load_named_policy, self.flight))
-        policies = {} if self.flight in PILOTS else {name: load}
+        piloted = self.flight in PILOTS
+        name = self.flight if piloted else free_name(self.flight, (HAND, *PILOTS))
+        policies = {} if piloted else {name: cache(partial(load_named_policy, self.flight, self.vehicle))}
         for one in policies.values():
             one()  # its errors show before anything is built
         cockpit = Cockpit(policies, Folder(folder), name)

@@ -9,7 +9,7 @@ from typing import Any
 
 from tyro.conf import Positional
 
-from thalweg.cli.flight_options import ChosenFlight, policy_name
+from thalweg.cli.flight_options import ChosenFlight, free_name
 from thalweg.cli.options import UsageError
 from thalweg.core.notices import notice
 
@@ -75,12 +75,14 @@ class Fly(ChosenFlight):
         """Return functions that load policies, by name; those that were named are loaded now, so that errors show."""
         from thalweg.bench.suite.config import PACKAGED
         from thalweg.cli.evaluate import load_named_policy
+        from thalweg.viewer.flight.flyers import HAND, PILOTS
 
         loaders: dict[str, Callable[[], Any]] = {}
         for given in self.policies:
-            load = cache(partial(load_named_policy, given))
+            load = cache(partial(load_named_policy, given, self.vehicle))
             load()
-            loaders[_name_of(given, loaders)] = load
+            others = (HAND, *PILOTS) if given == PACKAGED else (HAND, *PILOTS, PACKAGED)
+            loaders[free_name(given, (*loaders, *others))] = load
         return {**loaders, PACKAGED: loaders.get(PACKAGED) or cache(partial(load_named_policy, PACKAGED))}
 
     def _announce(self, address: str) -> None:
@@ -90,15 +92,6 @@ class Fly(ChosenFlight):
             notice(f"Warning: whoever gets the address and reaches {self.host} can fly here; nothing is encrypted.")
         if self.open:
             webbrowser.open(address)
-
-
-def _name_of(given: str, taken: dict[str, Any]) -> str:
-    """Return the name of a policy on the page: that of its file or folder, numbered if it is taken."""
-    name = policy_name(given)
-    number, free = 2, name
-    while free in taken:
-        free, number = f"{name} ({number})", number + 1
-    return free
 
 
 def _in_address(host: str) -> str:

@@ -55,6 +55,7 @@ class Record(FlownFlight):
 
         from thalweg.bench.evaluate.progress import progress_bar
         from thalweg.datasets.draft import finished_flights
+        from thalweg.datasets.errors import DatasetError
         from thalweg.datasets.recordings import check_recording, recording
         from thalweg.render import Camera
         from thalweg.viewer.flight.observed import Observer, options_of
@@ -83,6 +84,8 @@ class Record(FlownFlight):
                 files=flown_files(self.flight, self.river.river, self.plugin),
             ) as writer,
         ):
+            if writer.finished != len(done):
+                raise DatasetError(f"{self.out}: another command recorded flights there meanwhile; give this one again")
             task = progress.add_task(self.out.name, total=count, completed=writer.finished, rate="")
             for cockpit in itertools.chain([first], flights) if writer.finished < count else ():
                 flight = cockpit.flight

@@ -156,7 +156,7 @@ def test_mse_is_the_mean_over_everything(images, tmp_path):
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"epochs": 0}, "epochs must be at least 1 and batch at least 2, not 0 and 16"),
+        ({"epochs": 0}, "epochs must be at least 1 and batch at least 3, not 0 and 16"),
         ({"batch": 1}, "not 4 and 1"),
         ({"held_out": 59}, "of 60 images, 59 can't be held out"),
         ({"precision": "float8"}, "unknown precision 'float8'; known: auto, float32, bfloat16"),

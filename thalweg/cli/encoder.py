@@ -111,6 +111,8 @@ class EncoderTrain(Command):
             **({"level": ground} if ground else {}),
             **self._given("images", "held_out", "epochs"),
         )
+        if result.already_finished:
+            tell_finished(self.out)
         held_out = "" if result.held_out_mse is None else f", on held-out images {result.held_out_mse:.5f}"
         print(f"{result.path}: mean squared error {result.train_mse:.5f}{held_out}")
         return 0

@@ -1,5 +1,6 @@
 """Checkpoints of a training of an encoder: model and Adam as tensors by name, and the folder of another training."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -8,13 +9,15 @@ import torch
 from torch import Tensor, nn
 
 from thalweg.core.run_folder import FolderKind
-from thalweg.encoder.files import EncoderFileError, read_tensors
+from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, write_tensors
 
 ADAM = "adam."
 """Prefix of the names of Adam's moments."""
 ANEW = "train in a new folder"
-SEEN = ("camera", "quality", "randomise")
-"""What a run may say of its frames; it is absent where they are as usual."""
+UNUSUAL = ("camera", "quality", "randomise", "world_seeds", "device")
+"""What a run may say of its frames, and of the device that it learns on; absent where these are as usual."""
+VERSION = "_version"
+"""Ending of the keys of versions in what a run says of itself."""
 Row = dict[str, float | None]
 """An epoch: its row of metrics.csv."""
 
@@ -25,6 +28,34 @@ def state_tensors(model: nn.Module, prefix: str, optimizer: torch.optim.Adam) ->
     for index, moments in optimizer.state_dict()["state"].items():
         tensors |= {f"{ADAM}{index}.{name}": tensor for name, tensor in moments.items()}
     return tensors
+
+
+def save_state(
+    path: Path, kind: str, run: Mapping[str, Any], rows: Sequence[Row], tensors: Mapping[str, Tensor]
+) -> None:
+    """Write what the next epoch needs, see `state_tensors`, and the rows so far to one file, atomically."""
+    write_tensors(path, dict(tensors), {"kind": kind, "format": FORMAT, "run": dict(run), "rows": list(rows)})
+
+
+def resume_state(
+    path: Path,
+    kind: FolderKind,
+    columns: Sequence[str],
+    run: Mapping[str, Any],
+    model: nn.Module,
+    prefix: str,
+    optimizer: torch.optim.Adam,
+) -> list[Row]:
+    """Restore model and optimiser from a checkpoint and return its rows; without a file, return no rows.
+
+    Raises `EncoderFileError` for the checkpoint of another run than `run`, or a damaged one.
+    """
+    if not path.exists():
+        return []
+    tensors, rows, recorded = read_checkpoint(path, kind.owner, columns)
+    require_same_run(path.parent, kind, recorded, run)
+    restore_state(path, tensors, model, prefix, optimizer)
+    return rows
 
 
 def read_checkpoint(path: Path, kind: str, columns: Sequence[str]) -> tuple[dict[str, Tensor], list[Row], Any]:
@@ -52,7 +83,8 @@ def read_checkpoint(path: Path, kind: str, columns: Sequence[str]) -> tuple[dict
 
 def _is_number(value: Any) -> bool:
     """Return whether a cell of a row is a number that is finite as far as it is there, or null."""
-    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return value is None or (number and math.isfinite(value))
 
 
 def restore_state(
@@ -88,7 +120,17 @@ def check_folder(folder: Path, kind: FolderKind, run: Mapping[str, Any]) -> None
         _, about = read_tensors(path, kind.owner)
         if not isinstance(recorded := about.get("run", {}), Mapping):
             raise EncoderFileError(f"{path}: its run is {recorded!r:.40}, not a mapping; {ANEW}")
-        kind.require_same(folder, {key: recorded[key] for key in (*run, *SEEN) if key in recorded}, run)
+        require_same_run(folder, kind, recorded, run)
+
+
+def require_same_run(folder: Path, kind: FolderKind, recorded: Mapping[str, Any], run: Mapping[str, Any]) -> None:
+    """Raise `EncoderFileError`, naming the first differences, unless the training in a folder is the one of `run`.
+
+    What neither `run` nor `UNUSUAL` names is not compared, nor is a version that an older training did not record.
+    """
+    kept = {key: recorded[key] for key in (*run, *UNUSUAL) if key in recorded}
+    asked = {key: value for key, value in run.items() if key in recorded or not key.endswith(VERSION)}
+    kind.require_same(folder, kept, asked)
 
 
 def _restore_memory_layout(optimizer: torch.optim.Adam) -> None:

@@ -51,7 +51,7 @@ class GeometryConfig:
     """Step size of Adam; it falls along a half cosine to `least_rate` of it."""
     least_rate: FinitePositive = 0.01
     """Learning rate of the last epoch, as a share of that of the first."""
-    batch: PositiveInt = Field(default=64, ge=2)
+    batch: PositiveInt = Field(default=64, ge=3)
     """Frames of a gradient step."""
 
     @model_validator(mode="after")

@@ -13,15 +13,15 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
-from torch import Tensor
 
+from thalweg.core import versions
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import to_plain
 from thalweg.core.machine import package_version
 from thalweg.core.run_folder import FolderKind
-from thalweg.encoder.checkpoint import Row, read_checkpoint, restore_state, state_tensors
+from thalweg.encoder.checkpoint import Row, resume_state, save_state, state_tensors
 from thalweg.encoder.encoder import Encoder
-from thalweg.encoder.files import FORMAT, EncoderFileError, save_geometry, write_tensors
+from thalweg.encoder.files import EncoderFileError, save_geometry
 from thalweg.encoder.geometry import GeometryConfig, GeometryNetwork, Scale, geometry_loss
 from thalweg.encoder.reconstruction import check_images, to_batch
 from thalweg.encoder.training import epoch_generator, progress_bar, resolve_precision, say_resumed, write_rows
@@ -85,6 +85,7 @@ def train_geometry(
         "epochs": epochs,
         "seed": seed,
         "precision": resolve_precision(precision, device),
+        "encoder_version": versions.ENCODER,
         **(identity or {}),
     }
     state = _State(config, lessons.scale, run, device)
@@ -99,8 +100,9 @@ def train_geometry(
                 rows.append(state.epoch(lessons, epoch))
             state.save(folder / CHECKPOINT, rows)
             write_rows(folder / "metrics.csv", COLUMNS, rows)
-            note = f"{rows[-1]['images_per_s']:.0f} images/s, R² held out {rows[-1]['held_out_r2']:.3f}"
-            bar.update(task, advance=1, note=note)
+            score = rows[-1]["held_out_r2"]
+            told = "" if score is None else f", R² held out {score:.3f}"
+            bar.update(task, advance=1, note=f"{rows[-1]['images_per_s']:.0f} images/s{told}")
     return state.network.cpu().eval()
 
 
@@ -173,28 +175,23 @@ class _State:
             group["lr"] = config.learning_rate * share
         return config.learning_rate * share
 
-    def _score(self, held_out: Labelled) -> float:
-        """Return R² of the predictions of frames held out, mean over the quantities by their weights."""
+    def _score(self, held_out: Labelled) -> float | None:
+        """Return R² of the predictions of frames held out, mean over the quantities by their weights; None where there
+        is nothing to predict."""
         network = self.network
         if not len(held_out.frames):
-            return float("nan")
+            return None
         copy = GeometryNetwork(network.config)
         copy.load_state_dict(network.state_dict())
         encoder = Encoder(copy)
         found = r_squared(encoder.predict(encoder(held_out.frames)), held_out.truths)
         weights = np.where(np.isfinite(found), self.weights.cpu().numpy(), 0.0)
-        return float((np.nan_to_num(found) * weights).sum() / weights.sum()) if weights.sum() else float("nan")
+        return float((np.nan_to_num(found) * weights).sum() / weights.sum()) if weights.sum() else None
 
     def save(self, path: Path, rows: list[Row]) -> None:
         """Write the state that the next epoch needs and the rows so far to one file."""
-        tensors: dict[str, Tensor] = state_tensors(self.network, PREFIX, self.optimizer)
-        write_tensors(path, tensors, {"kind": KIND, "format": FORMAT, "run": self.run, "rows": rows})
+        save_state(path, GEOMETRY_FOLDER.owner, self.run, rows, state_tensors(self.network, PREFIX, self.optimizer))
 
     def resume(self, path: Path) -> list[Row]:
-        """Restore network and optimiser and return the rows of the finished epochs; without a file, return no rows."""
-        if not path.exists():
-            return []
-        tensors, rows, run = read_checkpoint(path, KIND, COLUMNS)
-        GEOMETRY_FOLDER.require_same(path.parent, {name: run[name] for name in run if name in self.run}, self.run)
-        restore_state(path, tensors, self.network, PREFIX, self.optimizer)
-        return rows
+        """Restore model and optimiser and return the rows of the finished epochs; without a file, return no rows."""
+        return resume_state(path, GEOMETRY_FOLDER, COLUMNS, self.run, self.network, PREFIX, self.optimizer)

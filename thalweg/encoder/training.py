@@ -20,13 +20,14 @@ import torch
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.config import to_plain
 from thalweg.core.machine import package_version
 from thalweg.core.notices import notice
 from thalweg.core.run_folder import FolderKind
-from thalweg.encoder.checkpoint import Row, read_checkpoint, restore_state, state_tensors
-from thalweg.encoder.files import FILE, FORMAT, EncoderFileError, save_vae, write_tensors
+from thalweg.encoder.checkpoint import ANEW, Row, read_checkpoint, resume_state, save_state, state_tensors
+from thalweg.encoder.files import FILE, EncoderFileError, load_model, save_vae
 from thalweg.encoder.reconstruction import check_images, mean_image_mse, reconstruction_mse, to_batch
 from thalweg.encoder.vae import VAE, EncoderInputError, VAEConfig, vae_loss
 
@@ -70,6 +71,8 @@ class TrainingResult:
     """Error of always predicting the mean image of the training set, which a useful encoder stays below."""
     rows: list[Row]
     """One row per epoch, as in `metrics.csv`."""
+    already_finished: bool = False
+    """Whether the training was finished before, so that nothing was trained."""
 
 
 def train_encoder(
@@ -95,8 +98,8 @@ def train_encoder(
     or a damaged checkpoint, or another process is at it.
     """
     check_images(images, config, held_out)
-    if epochs < 1 or batch < 2:
-        raise EncoderInputError(f"epochs must be at least 1 and batch at least 2, not {epochs} and {batch}")
+    if epochs < 1 or batch < 3:  # parts of nearly equal size then have two images each, which batch norms need
+        raise EncoderInputError(f"epochs must be at least 1 and batch at least 3, not {epochs} and {batch}")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     run = {
@@ -108,6 +111,7 @@ def train_encoder(
         "images": len(images),
         "images_hash": hashlib.sha256(np.ascontiguousarray(images).data).hexdigest()[:16],
         "precision": resolve_precision(precision, device),
+        "encoder_version": versions.ENCODER,
         **(identity or {}),
     }
     train_images, held_out_images = (images[part] for part in split_indices(len(images), held_out, seed))
@@ -118,6 +122,23 @@ def train_encoder(
             say_resumed(folder, len(rows), epochs)
         _take_epochs(folder, state, train_images, held_out_images, rows, progress)
         return _write_encoder(folder / FILE, state, train_images, held_out_images, rows, source)
+
+
+def finished_training(folder: Path, epochs: int) -> TrainingResult | None:
+    """Return the result of the training in a folder, read from its files, if all its epochs and its encoder are there;
+    raises `EncoderFileError` for damaged ones."""
+    path, checkpoint = folder / FILE, folder / ENCODER_FOLDER.record
+    if not (path.is_file() and checkpoint.is_file()):
+        return None
+    _, rows, _ = read_checkpoint(checkpoint, ENCODER_FOLDER.owner, COLUMNS)
+    if len(rows) < epochs:
+        return None
+    _, about = load_model(path)
+    try:
+        errors = {name: about[name] for name in ("train_mse", "held_out_mse", "mean_image_mse")}
+    except KeyError as error:
+        raise EncoderFileError(f"{path}: it lacks the {error.args[0]} of its training; {ANEW}") from error
+    return TrainingResult(path=path, rows=rows, **errors, already_finished=True)
 
 
 def _take_epochs(
@@ -191,17 +212,11 @@ class _State:
 
     def save(self, path: Path, rows: list[Row]) -> None:
         """Write the state that the next epoch needs and the rows so far to one file."""
-        tensors = state_tensors(self.vae, PREFIX, self.optimizer)
-        write_tensors(path, tensors, {"kind": "encoder training", "format": FORMAT, "run": self.run, "rows": rows})
+        save_state(path, ENCODER_FOLDER.owner, self.run, rows, state_tensors(self.vae, PREFIX, self.optimizer))
 
     def resume(self, path: Path) -> list[Row]:
         """Restore model and optimiser and return the rows of the finished epochs; without a file, return no rows."""
-        if not path.exists():
-            return []
-        tensors, rows, run = read_checkpoint(path, "encoder training", COLUMNS)
-        ENCODER_FOLDER.require_same(path.parent, {name: run[name] for name in run if name in self.run}, self.run)
-        restore_state(path, tensors, self.vae, PREFIX, self.optimizer)
-        return rows
+        return resume_state(path, ENCODER_FOLDER, COLUMNS, self.run, self.vae, PREFIX, self.optimizer)
 
 
 def write_rows(path: Path, columns: Sequence[str], rows: list[Row]) -> None:
@@ -241,6 +256,6 @@ def _write_encoder(
     }
     if source.world_seeds:
         provenance["world_seeds"] = list(source.world_seeds)
-    versions = {"thalweg": package_version("thalweg"), "torch": torch.__version__}
-    save_vae(path, state.vae, {**state.run, **errors, **provenance, **versions, "command": source.command})
+    packages = {"thalweg": package_version("thalweg"), "torch": torch.__version__}
+    save_vae(path, state.vae, {**state.run, **errors, **provenance, **packages, "command": source.command})
     return TrainingResult(path=path, rows=rows, **errors)

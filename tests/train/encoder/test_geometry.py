@@ -9,17 +9,20 @@ import numpy as np
 import pytest
 
 from thalweg.cli.main import main
+from thalweg.core import versions
 from thalweg.core.compute import device
 from thalweg.encoder import EncoderFileError, EncoderInputError, load_encoder
+from thalweg.encoder.files import FORMAT, write_tensors
 from thalweg.encoder.geometry import GeometryNetwork
-from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, write_geometry
+from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, KIND, write_geometry
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.privileged_state import privileged_state
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, Camera, Renderer
 from thalweg.render.records.randomisation import Randomisation
-from thalweg.train.encoder.geometry import GeometryTraining, geometry_config, half_mirrored, probe_table
+from thalweg.train.encoder import geometry
+from thalweg.train.encoder.geometry import GeometryTraining, RiverLessons, geometry_config, half_mirrored, probe_table
 from thalweg.train.encoder.targets import targets_of
 from thalweg.train.encoder.views import STRIDE, TARGETS, draw_views, flight_views, start_views
 from thalweg.train.encoder_of_run import camera_of_encoder
@@ -175,6 +178,45 @@ def test_a_finished_folder_without_its_checkpoint_is_refused_for_other_settings(
 ):
     with pytest.raises(EncoderFileError, match=f"belongs to another geometry encoder training: {told}"):
         replace(run(finished), **options).run()
+
+
+@pytest.mark.parametrize("raised", ["IMITATION", "PRIVILEGED", "RULES", "WORLD"])
+def test_a_folder_of_another_version_is_refused(raised: str, finished: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(versions, raised, getattr(versions, raised) + 1)
+    with pytest.raises(EncoderFileError, match=rf"{raised.lower()}_version is \d there and \d here"):
+        run(finished).run()
+
+
+def test_a_training_is_resumed_with_its_precision_on_its_kind_of_device(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    training = run(tmp_path)
+    monkeypatch.setattr(GeometryTraining, "drawn", None)
+    begun = {**training._run, "precision": "float32", "device": "cuda"}
+    write_tensors(tmp_path / "checkpoint.safetensors", {}, {"kind": KIND, "format": FORMAT, "run": begun, "rows": []})
+    with pytest.raises(EncoderFileError, match="device is 'cuda' there and absent here"):
+        training.run()
+    begun.pop("device")
+    write_tensors(tmp_path / "checkpoint.safetensors", {}, {"kind": KIND, "format": FORMAT, "run": begun, "rows": []})
+    with pytest.raises(EncoderFileError, match="precision is 'float32' there and 'bfloat16' here"):
+        replace(training, precision="bfloat16").run()
+
+
+@pytest.mark.parametrize(("count", "sizes"), [(16, [8, 8]), (17, [8, 9]), (18, [8, 8, 2])])
+def test_no_frame_is_drawn_alone(count: int, sizes: list[int], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(geometry, "CHUNK", 8)
+    taken: list[int] = []
+
+    class Views:
+        river = np.zeros(5)
+
+        def rows(self, chosen: np.ndarray) -> "Views":
+            taken.append(len(chosen))
+            return self
+
+    lessons = object.__new__(RiverLessons)
+    lessons.views = Views()  # pyright: ignore[reportAttributeAccessIssue]
+    assert len(list(lessons._chosen(count, np.random.default_rng(0)))) == len(sizes) and taken == sizes
 
 
 def test_damaged_files_of_a_finished_run_are_named(finished: Path):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from thalweg.cli.main import main
+from thalweg.core import versions
 from thalweg.encoder import EncoderFileError, EncoderInputError
 from thalweg.encoder.files import read_tensors, write_tensors
 from thalweg.encoder.water import load_segmenter
@@ -89,6 +90,25 @@ def test_a_finished_training_is_read_and_nothing_is_drawn(lost: bool, tmp_path: 
     assert drawn == [] and again.iou == first.iou
     assert again.already_finished is not lost and again.path.read_bytes() == content
     assert lost or again.path.stat().st_mtime_ns == time
+
+
+@pytest.mark.parametrize("raised", ["ENCODER", "WORLD"])
+def test_a_training_of_another_version_is_not_gone_on_with(
+    raised: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drawn: list[int]
+):
+    training(tmp_path).run(progress=False)
+    monkeypatch.setattr(versions, raised, getattr(versions, raised) + 1)
+    with pytest.raises(EncoderFileError, match=rf"{raised.lower()}_version is \d there and \d here"):
+        training(tmp_path).run(progress=False)
+
+
+def test_a_checkpoint_of_another_run_that_came_while_the_lock_was_waited_for_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drawn: list[int]
+):
+    training(tmp_path, epochs=1).run(progress=False)
+    monkeypatch.setattr(water, "check_folder", lambda *_: None)  # the folder was new when it was looked at
+    with pytest.raises(EncoderFileError, match="epochs is 1 there and 2 here"):
+        training(tmp_path).run(progress=False)
 
 
 def test_a_checkpoint_whose_last_epoch_has_no_measurement_is_refused(

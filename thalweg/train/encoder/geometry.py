@@ -6,6 +6,7 @@ learnt from those of its own task, and codes are judged on each.
 """
 
 import csv
+import itertools
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
@@ -21,11 +23,12 @@ from thalweg.core.compute.device import resolve_device
 from thalweg.core.config import to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, EncoderInputError, load_encoder, sides
-from thalweg.encoder.checkpoint import SEEN, check_folder
+from thalweg.encoder.checkpoint import check_folder, require_same_run
 from thalweg.encoder.files import FILE, EncoderFileError, load_model
 from thalweg.encoder.geometry import GeometryConfig, Scale
 from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, Labelled, train_geometry, write_geometry
 from thalweg.encoder.linear_probe import probe_r_squared
+from thalweg.encoder.training import resolve_precision
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.rivers.river_list import RiverList
@@ -39,6 +42,7 @@ from thalweg.train.encoder.targets import mirrored_targets, shown_of, targets_of
 from thalweg.train.encoder.views import TARGETS, KnownViews, draw_views, flight_views, start_views
 from thalweg.train.encoder_of_run import check_size_fits
 from thalweg.train.flip import flipped
+from thalweg.train.folder.run_record import device_identity
 from thalweg.train.river import banks_version
 from thalweg.world import level_named
 
@@ -110,6 +114,7 @@ class GeometryTraining:
         if path.is_file() and table.is_file():
             return GeometryResult(path, read_probe(table, self.targets), self.targets, already_finished=True)
         device = resolve_device(self.device)
+        check_folder(self.folder, GEOMETRY_FOLDER, {**self._run, **self._learns(device)})
         with GEOMETRY_FOLDER.locked(self.folder):
             return self._train(path, table, device, progress)
 
@@ -130,7 +135,7 @@ class GeometryTraining:
                 seed=self.seed,
                 precision=self.precision,
                 device=device,
-                identity=self._identity,
+                identity={**self._identity, **device_identity(torch.device(device).type)},
                 progress=progress,
             )
             fitted = lessons.fitted()
@@ -172,13 +177,19 @@ class GeometryTraining:
 
     def _check_folder(self, path: Path) -> None:
         """Raise `EncoderFileError` for the folder of another training, by its checkpoint and by the encoder's file."""
-        run = {**self._identity, "epochs": self.epochs, "seed": self.seed, "config": to_plain(self.config)}
-        check_folder(self.folder, GEOMETRY_FOLDER, run)
+        check_folder(self.folder, GEOMETRY_FOLDER, self._run)
         if path.is_file():  # finished folders are also kept without their checkpoint
             _, recorded = load_model(path)
-            GEOMETRY_FOLDER.require_same(
-                self.folder, {key: recorded[key] for key in (*run, *SEEN) if key in recorded}, run
-            )
+            require_same_run(self.folder, GEOMETRY_FOLDER, recorded, self._run)
+
+    @property
+    def _run(self) -> dict[str, Any]:
+        """Return what distinguishes the training from others, wherever it learns."""
+        return {**self._identity, "epochs": self.epochs, "seed": self.seed, "config": to_plain(self.config)}
+
+    def _learns(self, device: str) -> dict[str, Any]:
+        """Return what distinguishes where it learns from elsewhere: the precision, and the kind of device."""
+        return {"precision": resolve_precision(self.precision, device), **device_identity(torch.device(device).type)}
 
     @cached_property
     def targets(self) -> tuple[str, ...]:
@@ -245,6 +256,10 @@ class GeometryTraining:
             **camera_as_data(self.camera),
             "render_version": RENDER_VERSION,
             "lessons_version": VERSION,
+            "imitation_version": versions.IMITATION,
+            "privileged_version": versions.PRIVILEGED,
+            "rules_version": versions.RULES,
+            "world_version": versions.WORLD,
         }
 
     @property
@@ -310,8 +325,11 @@ class RiverLessons:
         stored, order = len(self.views.river), np.zeros(0, np.int64)
         while len(order) < count:
             order = np.concatenate([order, generator.permutation(stored)])
-        for start in range(0, count, CHUNK):
-            yield self.views.rows(order[start : min(start + CHUNK, count)])
+        starts = [
+            start for start in range(0, count, CHUNK) if start == 0 or count - start > 1
+        ]  # one alone teaches none
+        for start, end in itertools.pairwise([*starts, count]):
+            yield self.views.rows(order[start:end])
 
     def close(self) -> None:
         """Stop what runs in the background."""

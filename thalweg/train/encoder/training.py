@@ -3,14 +3,16 @@
 Collecting frames takes minutes, so that all settings are checked before the first frame is rendered.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from thalweg.core import versions
 from thalweg.core.config import to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import EncoderInputError, Source, TrainingResult, VAEConfig, train_encoder
 from thalweg.encoder.checkpoint import check_folder
-from thalweg.encoder.training import ENCODER_FOLDER
+from thalweg.encoder.training import ENCODER_FOLDER, finished_training, resolve_precision
 from thalweg.render import RENDER_VERSION
 from thalweg.train.encoder import frames as frame_collection
 from thalweg.train.encoder.drawing import Drawing
@@ -33,7 +35,7 @@ def collect_and_train(
 ) -> TrainingResult:
     """Train on `images` frames of a level or a real river, and evaluate on `held_out` further ones.
 
-    The same call resumes.
+    The same call resumes; a finished training is read, and nothing is drawn.
 
     `world_seeds` are those of the rivers, by default the level's fixed one; see `collect_frames`. `drawing` is how the
     frames are drawn, of the size in `config`. `command` is stored in the encoder's file. Before a frame is rendered,
@@ -62,9 +64,13 @@ def collect_and_train(
         "seed": seed,
         "held_out": held_out,
         "images": images + held_out,
-        **drawing.as_data(),
+        "precision": resolve_precision("auto"),
+        "encoder_version": versions.ENCODER,
+        **(identity := _identity(name, seeds, drawing)),
     }
     check_folder(folder, ENCODER_FOLDER, run)
+    if (found := finished_training(folder, epochs)) is not None:
+        return found
     frames = frame_collection.collect_frames(
         images + held_out,
         level=level,
@@ -83,5 +89,12 @@ def collect_and_train(
         seed=seed,
         held_out=held_out,
         source=source,
-        identity=drawing.as_data(),
+        identity=identity,
     )
+
+
+def _identity(name: str, seeds: Sequence[int], drawing: Drawing) -> dict[str, Any]:
+    """Return what distinguishes the frames from others: their river, how they are drawn, and the versions of both."""
+    rivers = {"level": name, **({"world_seeds": compact_seeds(seeds)} if seeds else {})}
+    drawn_by = {"render_version": RENDER_VERSION, "world_version": versions.WORLD}
+    return {**rivers, **drawn_by, **drawing.as_data()}

@@ -15,12 +15,13 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from thalweg.core import versions
 from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
 from thalweg.core.machine import package_version
 from thalweg.core.run_folder import FolderKind
 from thalweg.core.seeds import compact_seeds
-from thalweg.encoder.checkpoint import Row, check_folder, read_checkpoint, restore_state, state_tensors
-from thalweg.encoder.files import FORMAT, EncoderFileError, write_tensors
+from thalweg.encoder.checkpoint import Row, check_folder, resume_state, save_state, state_tensors
+from thalweg.encoder.files import EncoderFileError
 from thalweg.encoder.training import epoch_generator, progress_bar, say_resumed, write_rows
 from thalweg.encoder.vae import EncoderInputError
 from thalweg.encoder.water import SIDES, WaterSegmenter, colours_of, mean_iou, save_segmenter, water_in
@@ -154,6 +155,9 @@ class WaterTraining:
             "held_out": self.held_out,
             "epochs": self.epochs,
             "seed": self.seed,
+            "encoder_version": versions.ENCODER,
+            "render_version": RENDER_VERSION,
+            "world_version": versions.WORLD,
             **Drawing(self.camera, self.quality).as_data(),
         }
 
@@ -232,14 +236,9 @@ class _State:
         return dict(zip(COLUMNS, (epoch + 1, total / len(frames), found, rate, speed), strict=True))
 
     def save(self, path: Path, rows: list[Row]) -> None:
-        """Write what the next epoch needs, and the rows so far."""
-        tensors = state_tensors(self.network, PREFIX, self.optimizer)
-        write_tensors(path, tensors, {"kind": KIND, "format": FORMAT, "run": self.run, "rows": rows})
+        """Write the state that the next epoch needs and the rows so far to one file."""
+        save_state(path, WATER_FOLDER.owner, self.run, rows, state_tensors(self.network, PREFIX, self.optimizer))
 
     def resume(self, path: Path) -> list[Row]:
-        """Restore what `save` wrote, and return its rows; none without a file."""
-        if not path.exists():
-            return []
-        tensors, rows, _ = read_checkpoint(path, KIND, COLUMNS)
-        restore_state(path, tensors, self.network, PREFIX, self.optimizer)
-        return rows
+        """Restore model and optimiser and return the rows of the finished epochs; without a file, return no rows."""
+        return resume_state(path, WATER_FOLDER, COLUMNS, self.run, self.network, PREFIX, self.optimizer)

@@ -1,0 +1,76 @@
+"""Training of an autoencoder on frames of a river: what is refused or read before a frame is rendered."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from thalweg.core import versions
+from thalweg.encoder import EncoderFileError, TrainingResult, VAEConfig
+from thalweg.encoder.files import read_tensors, write_tensors
+from thalweg.train.encoder import frames as frame_collection
+from thalweg.train.encoder.training import collect_and_train
+
+CONFIG = VAEConfig(latent=4, size_px=48)
+
+
+def train(folder: Path, **options: Any) -> TrainingResult:
+    given: dict[str, Any] = {"level": "Easy", "images": 6, "held_out": 2, "epochs": 1, "command": "the first"}
+    return collect_and_train(folder, CONFIG, **(given | options))
+
+
+@pytest.fixture
+def collected(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Noise in place of frames, and how many of them were asked for."""
+    counts: list[int] = []
+
+    def noise(count: int, **_: object) -> np.ndarray:
+        counts.append(count)
+        return np.random.default_rng(0).integers(256, size=(count, 48, 48, 4), dtype=np.uint8)
+
+    monkeypatch.setattr(frame_collection, "collect_frames", noise)
+    monkeypatch.setattr("thalweg.train.encoder.training.check_size_fits", lambda *_: None)
+    return counts
+
+
+def test_a_finished_training_is_read_and_its_file_stays_as_it_is(tmp_path: Path, collected: list[int]):
+    first = train(tmp_path)
+    content = first.path.read_bytes()
+    again = train(tmp_path, command="another")
+    assert collected == [8] and again.already_finished and not first.already_finished
+    assert again.path.read_bytes() == content
+    assert (again.train_mse, again.held_out_mse, again.rows) == (first.train_mse, first.held_out_mse, first.rows)
+    first.path.unlink()  # as if it had been killed after its last epoch
+    assert not train(tmp_path).already_finished and collected == [8, 8]
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"level": "Hard"}, "level is 'Easy' there and 'Hard' here"),
+        ({"world_seeds": "3"}, "world_seeds is absent there and .3. here"),
+        ({"seed": 4}, "seed is 0 there and 4 here"),
+    ],
+)
+def test_the_folder_of_another_training_is_refused_before_a_frame_is_rendered(
+    options: dict[str, Any], told: str, tmp_path: Path, collected: list[int]
+):
+    train(tmp_path)
+    with pytest.raises(EncoderFileError, match=f"belongs to another encoder training: {told}"):
+        train(tmp_path, **options)
+    assert collected == [8]
+
+
+def test_a_training_of_another_version_is_not_gone_on_with(
+    tmp_path: Path, collected: list[int], monkeypatch: pytest.MonkeyPatch
+):
+    train(tmp_path)
+    checkpoint = tmp_path / "checkpoint.safetensors"
+    monkeypatch.setattr(versions, "ENCODER", versions.ENCODER + 1)
+    with pytest.raises(EncoderFileError, match=r"encoder_version is \d there and \d here"):
+        train(tmp_path)
+    tensors, about = read_tensors(checkpoint, "encoder training")
+    del about["run"]["encoder_version"]  # as before versions were recorded
+    write_tensors(checkpoint, tensors, about)
+    assert train(tmp_path).already_finished and collected == [8]

@@ -1070,15 +1070,18 @@ def test_the_folder_of_another_encoder_is_refused_before_frames_are_drawn(
     from tests.encoder.synthetic_frames import synthetic_frames
     from thalweg.encoder import VAEConfig, train_encoder
 
-    train_encoder(synthetic_frames(8, 128), VAEConfig(), tmp_path, epochs=1, seed=0, held_out=2, progress=False)
+    options: dict[str, Any] = {"epochs": 1, "seed": 0, "held_out": 2, "identity": {"level": "Medium"}}
+    train_encoder(synthetic_frames(8, 128), VAEConfig(), tmp_path, progress=False, **options)
     given = ["encoder", "train", "--out", str(tmp_path), "--images", "6", "--held-out", "2", "--epochs", "1"]
     for change, message in (
         (["--latent", "8"], "config"),
         (["--epochs", "3"], "epochs is 1 there and 3 here"),
         (["--seed", "4"], "seed is 0 there and 4 here"),
         (["--images", "7"], "images is 8 there and 9 here"),
+        (["--level", "hard"], "level is 'Medium' there and 'Hard' here"),
     ):
         assert main([*given, *change]) == 2
         assert message in capsys.readouterr().err
+    (tmp_path / "encoder.safetensors").unlink()  # as if it had been killed before it was written
     with pytest.raises(AssertionError, match="frames were collected"):
         EncoderTrain(tmp_path, images=6, held_out=2, epochs=1).run()

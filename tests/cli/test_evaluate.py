@@ -8,6 +8,7 @@ import pytest
 
 from thalweg.cli.evaluate import Evaluate, _encoder_for, load_named_policy, sampling
 from thalweg.cli.main import main
+from thalweg.cli.options import UsageError
 from thalweg.core.cache import file_hash
 from thalweg.env import EnvConfig
 
@@ -35,13 +36,23 @@ def test_the_packaged_policy_samples_if_asked_to():
     assert not sampled.player(1).deterministic and sampled.player(1, deterministic=True).deterministic
 
 
+def test_a_policy_that_gives_one_action_has_none_to_sample():
+    point: Any = SimpleNamespace(greedy=True, actions=SimpleNamespace(kind="point"))
+    with pytest.raises(UsageError, match="--sample is for policies with probabilities of actions; runs/ddpg has none"):
+        sampling(point, "runs/ddpg")
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["hover", "--sample"], "--sample is for policies with probabilities of actions; hover has none"),
         (["packaged", "--sample", "--deterministic"], "give --sample or --deterministic, not both"),
+        (["hover", "--encoder", "none"], "hover sees no frames: leave --encoder none out"),
+        (["steady", "--encoder", "geometry"], "steady sees no frames: leave --encoder geometry out"),
     ],
 )
-def test_what_cannot_be_sampled_is_refused(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]):
+def test_options_that_a_policy_does_not_take_are_refused(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+):
     assert main(["evaluate", *arguments]) == 2
     assert capsys.readouterr().err == f"thalweg: {message}\n"

@@ -9,6 +9,7 @@ from PIL import Image
 
 from tests.image_policies import image_policy
 from thalweg.bench.evaluate.evaluation import Step, observation_function
+from thalweg.bench.suite.views import TrainingViews
 from thalweg.cli.main import main
 from thalweg.cli.options import UsageError
 from thalweg.cli.views import TrainedViews, camera_from
@@ -27,6 +28,12 @@ def test_the_options_become_rules():
     assert rules.camera == Camera(64, 96, 75.0)
     assert (rules.quality, rules.randomisation, rules.action) == ("fast", Randomisation(), "continuous")
     assert TrainedViews().applied(EnvConfig(task="Nests"), drawn=False) == EnvConfig(task="Nests")
+
+
+def test_options_replace_the_views_of_a_suite_where_they_are_given():
+    usual = TrainingViews(quality="fast", randomise=True)
+    assert TrainedViews().replacing(usual) == usual
+    assert TrainedViews(quality="full").replacing(usual) == TrainingViews(quality="full", randomise=True)
 
 
 @pytest.mark.parametrize(
@@ -48,6 +55,7 @@ def test_settings_of_cameras_that_do_not_exist_are_refused(texts: tuple[str, ...
         (["--camera", "none.yaml"], "none.yaml cannot be read as a calibration"),
         (["--camera", "height_px=96"], "the camera draws frames of 96 x 128 pixels"),
         (["--observation", "privileged", "--randomise"], "draws no frames: leave --randomise out"),
+        (["--observation", "privileged", "--quality", "full"], "draws no frames: leave --quality out"),
         (["--dynamics", "inertial", "--action", "multidiscrete"], "leave --action multidiscrete out"),
     ],
 )
@@ -91,6 +99,9 @@ def test_views_are_drawn_by_a_chosen_camera_under_varied_looks(tmp_path: Path, e
         (["--camera", "fov_deg=75", "--size", "64"], "--size goes without --camera, which has height_px and width_px"),
         (["--gallery", "--randomise"], "leave out --frames, --quality and --randomise"),
         (["--camera", "height_px=4"], "height_px must be"),
+        (["--gallery", "--task", "Swimmers"], "--gallery draws one view without objects: leave out --task and --count"),
+        (["--gallery", "--count", "3"], "leave out --task and --count"),
+        (["--task", "Swimers"], "did you mean 'Swimmers'?"),
     ],
 )
 def test_views_that_do_not_go_together_are_refused(options: list[str], told: str, capsys: pytest.CaptureFixture):

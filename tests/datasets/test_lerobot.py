@@ -177,6 +177,13 @@ def test_a_missing_column_is_named(name: str, tmp_path: Path):
         list(read_recordings(tmp_path / "flights")[1])
 
 
+def test_a_missing_layer_is_named(tmp_path: Path):
+    path = write(tmp_path / "flights") / "data/chunk-000/file-000.parquet"
+    pyarrow.parquet.write_table(pyarrow.parquet.read_table(path).drop_columns(["mask"]), path)
+    with pytest.raises(DatasetError, match=r"file-000.parquet holds a flight .* the layer mask is missing"):
+        list(read_recordings(tmp_path / "flights")[1])
+
+
 def test_a_damaged_picture_is_named_with_its_column(tmp_path: Path):
     path = write(tmp_path / "flights") / "data/chunk-000/file-000.parquet"
     table = pyarrow.parquet.read_table(path)

@@ -1,7 +1,11 @@
 """`Command`: what the commands have in common, and what is said of an interrupted one."""
 
+from contextvars import ContextVar
 from pathlib import Path
 
+COMMAND_LINE: ContextVar[str] = ContextVar("COMMAND_LINE", default="thalweg")
+"""The command that runs, as it is typed."""
+NO_CHECKPOINT = "There was no checkpoint yet; the same command starts from the beginning."
 NOTHING_SAVED = "Nothing was saved; the same command starts from the beginning."
 
 
@@ -27,4 +31,4 @@ def after_checkpoint(out: Path | None) -> str:
     step = None if out is None else newest_step(out)
     if step is not None:
         return f"The same command resumes from step {step:,}."
-    return "There was no checkpoint yet; the same command starts from the beginning."
+    return NO_CHECKPOINT

@@ -1,17 +1,18 @@
 """`thalweg encoder train | show | study`: encoders of what the camera sees."""
 
-import shlex
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from thalweg.cli.command import Command
+from thalweg.cli.command import COMMAND_LINE, NO_CHECKPOINT, Command
 from thalweg.cli.encoder_defaults import by_target
 from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, UsageError, check_file
 from thalweg.cli.run_result import tell_finished
 from thalweg.cli.views import camera_from
 from thalweg.core.seeds import parse_seeds
+
+CHECKPOINT = "checkpoint.safetensors"
+"""Name of the checkpoint of each training."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class EncoderTrain(Command):
     camera: tuple[str, ...] = ()
     """Settings of the camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration."""
     quality: Annotated[Literal["full", "fast"] | None, by_target("quality")] = None
-    """Quality of the frames; `fast` leaves out reflections, filters less, and interpolates the ground."""
+    """Quality of the frames; `fast` reflects only the sky, filters less, and interpolates the ground."""
     randomise: bool = False
     """For image only: vary light, water, plants, lens, noise and clouds; the other targets are learnt so anyway."""
     device: Annotated[str | None, by_target("device")] = None
@@ -59,6 +60,9 @@ class EncoderTrain(Command):
     """Seed of the poses and of the training."""
 
     resumes = True
+
+    def after_interrupt(self) -> str:
+        return super().after_interrupt() if (self.out / CHECKPOINT).exists() else NO_CHECKPOINT
 
     def run(self) -> int:
         if self.target == "water":
@@ -107,7 +111,7 @@ class EncoderTrain(Command):
             world_seeds=parse_seeds(self.world_seeds, "--world-seeds", UsageError),
             seed=self.seed,
             drawing=drawing,
-            command=shlex.join(["thalweg", *sys.argv[1:]]),
+            command=COMMAND_LINE.get(),
             **({"level": ground} if ground else {}),
             **self._given("images", "held_out", "epochs"),
         )
@@ -135,7 +139,7 @@ class EncoderTrain(Command):
             self.out,
             seed=self.seed,
             camera=self._camera(),
-            command=shlex.join(["thalweg", *sys.argv[1:]]),
+            command=COMMAND_LINE.get(),
             **({"levels": self.level} if self.level else {}),
             **seeds,
             **self._given("images", "held_out", "epochs", "quality"),
@@ -166,7 +170,7 @@ class EncoderTrain(Command):
             geometry_config(**self._given("tasks", "latent"), **settings),
             seed=self.seed,
             camera=camera,
-            command=shlex.join(["thalweg", *sys.argv[1:]]),
+            command=COMMAND_LINE.get(),
             **({"levels": self.level} if self.level else {}),
             **seeds,
             **self._given("images", "held_out", "epochs", "views", "tasks", "rivers_in_memory", "device", "quality"),
@@ -238,7 +242,7 @@ class EncoderStudy(Command):
         from thalweg.bench.studies.encoder_study import StudyConfig, run_study
 
         config = StudyConfig(self.level, self.images, self.held_out, self.epochs, self.seed, self.precision)
-        page = run_study(self.out, config, command=shlex.join(["thalweg", *sys.argv[1:]]))
+        page = run_study(self.out, config, command=COMMAND_LINE.get())
         print(f"{page.read_text(encoding='utf-8')}\n{page}: these tables, with their figures and CSV files beside it")
         return 0
 

@@ -204,6 +204,8 @@ def _encoder_for(policy: "Policy | RecurrentPolicy", command: Evaluate, rules: "
     from thalweg.train.river import load_compatible_encoder
 
     sight = sight_of(policy)
+    if command.encoder is not None and sight not in ("privileged", "images", "frames"):
+        raise UsageError(f"{command.policy} sees no frames: leave --encoder {command.encoder} out")
     if sight in ("privileged", "images") and command.encoder is not None:
         instead = "frames" if sight == "privileged" else "codes of an encoder"
         raise UsageError(
@@ -244,7 +246,8 @@ def load_named_policy(name: str, vehicle: str = "uav") -> "Policy | RecurrentPol
 
 def sampling(policy: "Policy | RecurrentPolicy", name: str) -> "Policy | RecurrentPolicy":
     """Return a policy that samples its actions; raises `UsageError` for a baseline or a planner, which has no such."""
-    if not hasattr(policy, "greedy"):
+    actions = getattr(policy, "actions", None)
+    if not hasattr(policy, "greedy") or (actions is not None and actions.kind == "point"):
         raise UsageError(f"--sample is for policies with probabilities of actions; {name} has none")
     policy = copy.copy(policy)
     policy.greedy = False  # pyright: ignore[reportAttributeAccessIssue]

@@ -31,7 +31,7 @@ class ChosenFlight(Command):
     wind: float = 0.0
     """Mean speed of the wind in m/s; 0 is no wind."""
     quality: Literal["full", "fast"] = "full"
-    """Quality of the frames; `fast` leaves out reflections, filters less, and interpolates the ground."""
+    """Quality of the frames; `fast` reflects only the sky, filters less, and interpolates the ground."""
     plugin: Plugins = ()
 
     def chosen(self, size_px: int) -> tuple[Any, Any]:

@@ -9,6 +9,7 @@ import io
 import os
 import re
 import select
+import shlex
 import shutil
 import signal
 import sys
@@ -24,7 +25,7 @@ import tyro
 from tyro.conf import OmitSubcommandPrefixes, subcommand
 
 from thalweg.cli.bench import Bench
-from thalweg.cli.command import NOTHING_SAVED, Command
+from thalweg.cli.command import COMMAND_LINE, NOTHING_SAVED, Command
 from thalweg.cli.encoder import ENCODER_COMMANDS, Encoder
 from thalweg.cli.evaluate import Evaluate
 from thalweg.cli.export import Export
@@ -108,6 +109,7 @@ def _run(arguments: Sequence[str] | None) -> int:
         return 0
     command: Command | None = None
     try:
+        COMMAND_LINE.set(shlex.join(["thalweg", *given]))
         command = _parse(given)
         _check_seeds(command)
         add_files(getattr(command, "plugin", ()))

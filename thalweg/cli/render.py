@@ -37,7 +37,7 @@ class RenderFrames(Command):
     size: int = 128
     """Height and width of a frame in pixels."""
     quality: Literal["full", "fast"] = "full"
-    """`fast` leaves out reflections, filters less, and interpolates the ground."""
+    """`fast` reflects only the sky, filters less, and interpolates the ground."""
     camera: tuple[str, ...] = ()
     """Settings of the camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration."""
     randomise: bool = False
@@ -76,6 +76,9 @@ class RenderFrames(Command):
             raise UsageError(
                 "--gallery draws one view in the full quality: leave out --frames, --quality and --randomise"
             )
+        if self.gallery and (checked_task(self.task) != "River" or self.count != type(self).count):
+            raise UsageError("--gallery draws one view without objects: leave out --task and --count")
+        checked_task(self.task)
         if self.camera and self.size != type(self).size:
             raise UsageError("--size goes without --camera, which has height_px and width_px")
         self._camera  # noqa: B018  a camera that cannot be is refused before the river is built

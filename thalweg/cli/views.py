@@ -20,8 +20,8 @@ class TrainedViews:
 
     camera: tuple[str, ...] = ()
     """Settings of the camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration."""
-    quality: Literal["full", "fast"] = "full"
-    """Quality of the frames; `fast` leaves out reflections, filters less, and interpolates the ground."""
+    quality: Literal["full", "fast"] | None = None
+    """Quality of frames, by default full; `fast` reflects only the sky, filters less, and interpolates the ground."""
     randomise: bool = False
     """Vary light, water, plants, lens, noise and clouds from episode to episode."""
     action: Literal["multidiscrete", "continuous"] | None = None
@@ -32,12 +32,14 @@ class TrainedViews:
 
         Raises `UsageError` for options that do not go together, and `RenderError` for a camera that cannot be.
         """
-        asked = {"camera": bool(self.camera), "quality": self.quality != "full", "randomise": self.randomise}
+        asked = {"camera": bool(self.camera), "quality": self.quality is not None, "randomise": self.randomise}
         if not drawn and (of_frames := [f"--{name}" for name, given in asked.items() if given]):
             raise UsageError(f"the privileged observation draws no frames: leave {' and '.join(of_frames)} out")
         if self.action == "multidiscrete" and rules.dynamics == "inertial":
             raise UsageError("--dynamics inertial commands velocities: leave --action multidiscrete out")
-        changes: dict[str, Any] = {"quality": self.quality, "randomisation": self.randomise}
+        changes: dict[str, Any] = {"randomisation": self.randomise}
+        if self.quality is not None:
+            changes["quality"] = self.quality
         if self.camera:
             changes["camera"] = camera_from(self.camera)
         if self.action is not None:
@@ -47,7 +49,7 @@ class TrainedViews:
     def replacing(self, usual: "TrainingViews") -> "TrainingViews":
         """Return the views of a suite, with these options where they are given; raises the errors of `camera_from`."""
         given: dict[str, Any] = {"camera": camera_from(self.camera)} if self.camera else {}
-        given |= {"quality": self.quality} if self.quality != "full" else {}
+        given |= {"quality": self.quality} if self.quality is not None else {}
         given |= {"randomise": True} if self.randomise else {}
         given |= {"action": self.action} if self.action is not None else {}
         return replace(usual, **given)

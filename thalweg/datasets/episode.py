@@ -16,6 +16,8 @@ from thalweg.datasets.errors import DatasetError
 Layer = Literal["mask", "depth", "class"]
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 """What may be recorded beside the colours."""
+LAYER_OF_FIELD: dict[str, Layer] = {"mask": "mask", "depth_m": "depth", "class_id": "class"}
+"""Layers by the fields of `RecordedEpisode` that hold them."""
 ACTION_NAMES = ("up", "turn left", "forward", "left")
 """Meaning of +1 in each branch of a move; -1 is the opposite direction, and 0 no motion."""
 POSE_NAMES = ("x", "y", "z", "yaw")
@@ -119,12 +121,6 @@ class RecordedEpisode:
         """H and W."""
         return self.rgb.shape[1], self.rgb.shape[2]
 
-    def reasons(self) -> np.ndarray:
-        """Return the code of the reason after each step, int64 [T]: `RUNNING` for all steps but the last."""
-        codes = np.full(self.steps, RUNNING, np.int64)
-        codes[-1] = self.reason
-        return codes
-
     def layer(self, name: Layer) -> np.ndarray | None:
         """Return a layer [T + 1, H, W], see the fields; None if it was not recorded."""
         return {"mask": self.mask, "depth": self.depth_m, "class": self.class_id}[name]
@@ -168,7 +164,9 @@ def _array_error(episode: RecordedEpisode, about: About) -> str:
     }
     for name, shape in shapes.items():
         values = getattr(episode, name)
-        if values is None:  # a layer, or options, that were not recorded
+        if values is None:
+            if (layer := LAYER_OF_FIELD.get(name)) in about.layers:
+                return f"the layer {layer} is missing, which every flight of the data set has"
             continue
         if values.shape != shape:
             return f"{name} has the shape {values.shape}, not {shape}"

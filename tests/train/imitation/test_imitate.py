@@ -11,8 +11,9 @@ import pytest
 import torch
 
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.imitation.config import Teacher
+from thalweg.algos.imitation.config import ImitationConfig, Teacher
 from thalweg.cli.main import main
+from thalweg.core import versions
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import ConfigError
 from thalweg.env.rivers.river_list import RiverList
@@ -26,7 +27,7 @@ from thalweg.train.imitation.imitate import Imitation
 from thalweg.train.imitation.sequences import Sequences
 from thalweg.train.imitation.trainer import ImitationTrainer
 from thalweg.train.rollouts.episodes import Episode
-from thalweg.world import Level, Reach, World
+from thalweg.world import Level, Reach, World, level_named
 
 SETTINGS = {
     "sequence": 4,
@@ -154,6 +155,29 @@ def test_a_real_river_is_learnt_from_after_the_gate_and_known_by_its_content(tmp
     file.write_text(file.read_text().replace("9.0008", "9.0009"))
     with pytest.raises(TrainingError, match=r"brook\.geojson has changed since the run in .* was started"):
         imitation(tmp_path / "run", **options).run()
+
+
+def test_what_a_gate_refuses_can_be_corrected_in_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def refuse(*_: Any) -> None:
+        raise TrainingError("the teacher fails")
+
+    with monkeypatch.context() as strict, pytest.raises(TrainingError, match="the teacher fails"):
+        strict.setattr(imitate, "check_teacher", refuse)
+        imitation(tmp_path / "run").run()
+    assert not (tmp_path / "run" / "config.yaml").exists()
+    monkeypatch.setattr(imitate, "check_teacher", lambda *_: None)
+    assert imitation(tmp_path / "run", steps=8, seed=3).run().steps == 8
+
+
+def test_kinds_of_banks_are_known_by_their_version(tmp_path: Path):
+    one, other = (imitation(tmp_path, levels=(name,)) for name in ("Easy", "Easy+meadow"))
+    found = [
+        each._identity(ImitationConfig(), each._rules(ImitationConfig()), [level_named(each.levels[0])], (1,))[
+            "context"
+        ]
+        for each in (one, other)
+    ]
+    assert "banks_version" not in found[0] and found[1]["banks_version"] == versions.BANKS
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.errors import TrainingError
-from thalweg.train.folder.run_record import RUN_FOLDER, device_identity, read_context
+from thalweg.train.folder.run_record import RUN_FOLDER, device_identity, read_config, read_context
 from thalweg.train.imitation.gate import check_teacher, flown_by
 from thalweg.train.imitation.trainer import ImitationTrainer
 from thalweg.train.river import announce_build, banks_version, print_once
@@ -79,16 +79,19 @@ class Imitation:
         river = identity["context"].get("river", {})
         RUN_FOLDER.require_same_file(self.folder, read_context(self.folder).get("river") or {}, river)
         identity |= device_identity(device.type)
+        new = read_config(self.folder) is None
         compilation.begin()
         rivers = self._rivers(grounds, seeds)
         env = RiverVectorEnv(rivers, self.num_envs, rules, device=str(device))
         try:
+            if new:  # settings that the gate refuses can be corrected in the same folder
+                self._pass_gate(grounds, self._seeds_of_gate(seeds, config), rules, config.teacher)
             status = open_folder(self.folder, identity, threads)
             if status.get("state") == "finished":
                 return result_of(self.folder, status, resumed_from=None, already_finished=True)
             if isinstance(env.rivers, DrawnRivers):
                 print_once(env.rivers.pool.description)
-            if not status:
+            if not new and not status:
                 self._pass_gate(grounds, self._seeds_of_gate(seeds, config), rules, config.teacher)
             with torch_threads(1):
                 student = self.new_student(config, actions_of(env.single_action_space), identity["context"], device)
@@ -147,11 +150,10 @@ class Imitation:
         self, config: ImitationConfig, rules: EnvConfig, grounds: Sequence[Level | Reach], seeds: Sequence[int]
     ) -> dict[str, Any]:
         """Return what distinguishes the run from others, as config.yaml has it."""
-        flown: dict[str, Any] = {"levels": [ground.name for ground in grounds]}
-        if self.river is not None:
-            flown = {"river": self.river.as_data(), **banks_version(grounds)}
+        levels = {"levels": [ground.name for ground in grounds]}
         context = {
-            **flown,
+            **(levels if self.river is None else {"river": self.river.as_data()}),
+            **banks_version(grounds),
             "world_seeds": compact_seeds(seeds),
             "rivers": "episode",
             "observation": config.observation,

@@ -55,11 +55,13 @@ def who_flies(results: Results) -> Headline:
     theirs = {name: PUBLISHED[name, level].return_mean for name in STUDIED}
     fewer = [name for name in dict.fromkeys((*STUDIED, *names)) if not is_whole(results, name)]
     sentence = (
-        f"{len(flying)} of {len(names)} algorithms return at least {FLIES:g} of 10 on {level} (planners"
+        f"Of the {len(names)} algorithms flown, {len(flying)} return at least {FLIES:g} of 10 on {level} (planners need"
         f" {PLANNER_FLIES:g}): {listed([f'{name} {found[name]}' for name in flying]) or 'none'}."
     ) + _who_flies_in_the_paper(theirs)
     if fewer:
-        sentence += f" Fewer than three seeds: {listed(fewer)}."
+        some, none = [name for name in fewer if name in names], [name for name in fewer if name not in names]
+        sentence += f" Fewer than three seeds: {listed(some)}." if some else ""
+        sentence += f" Not flown yet: {listed(none)}." if none else ""
     series = {
         "here": tuple(found[name] for name in names),
         "paper (another simulator)": tuple(Estimate(theirs[name]) if name in theirs else None for name in names),

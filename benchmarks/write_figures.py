@@ -41,7 +41,13 @@ def comparison() -> str:
     }
     header = ["", "Thalweg", "Safe Riverine Environment", "Safety-Gymnasium, vision", "AirSim and the like"]
     rows = [
-        ["scenes", "natural rivers, as many as seeds; real ones from GeoJSON", "three rivers", "simple shapes", "any"],
+        [
+            "scenes",
+            "natural rivers, one for each seed; real ones from OpenStreetMap, GeoJSON, GPX or KML",
+            "three rivers",
+            "simple shapes",
+            "any",
+        ],
         ["source", "open, Python", "closed Unity build", "open, MuJoCo", "open, Unreal Engine"],
         ["needs", "pip", "the build", "OpenGL", "Unreal Engine and a GPU"],
         ["water mask, depth, classes", "yes", "mask", "depth", "yes"],

@@ -57,7 +57,7 @@ class Train(Command):
     proprioception: bool = False
     """Beside codes or the privileged observation, also height, velocities, yaw rate and the last action."""
     encoder: Path | None = None
-    """`default`, `geometry`, which tells where the banks are, a file, or a folder of `encoder train`; for `frames`."""
+    """`default`, `geometry` (where banks are), `geometry-tasks` (objects too), a file or folder of `encoder train`."""
     preset: str = "default"
     """`default`, or `paper` for the settings of the study, as far as they are known."""
     set: tuple[str, ...] = ()

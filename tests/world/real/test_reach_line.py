@@ -9,7 +9,7 @@ import pytest
 
 from tests.world.real.geojson_files import EAST, feature, from_metres, read, written
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv, make_vector
-from thalweg.world import World, WorldError, WorldFileError
+from thalweg.world import Reach, World, WorldError, WorldFileError
 from thalweg.world.real.file_river import read_centerline
 from thalweg.world.real.geodesy import local_metres
 from thalweg.world.real.reach_line import monotone_levels, smooth_line, thin_indices
@@ -24,6 +24,10 @@ def test_a_line_is_in_metres_about_its_middle(tmp_path):
     np.testing.assert_array_equal(line.points[:, 2:], [[0.0, 12.0]] * 5)
     assert (line.name, line.closed, line.datum_m) == ("Dora Baltea", False, 0.0)
     assert line.origin_deg == pytest.approx((7.01, 45.0))
+
+
+def test_the_file_of_a_reach_may_be_a_text():
+    assert Reach(str(CAM)) == Reach(CAM) and Reach(str(CAM)).as_data() == Reach(CAM).as_data()  # pyright: ignore[reportArgumentType]
 
 
 def test_a_reach_is_cut_out_by_metres_along_the_line(tmp_path):

@@ -19,6 +19,11 @@ class Reach(Selection):
     """A reach of the real river in a file; the fields are arguments of `World.from_file`."""
 
     path: Path
+    """The file; a text is made a path."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "path", Path(self.path))
 
     @property
     def name(self) -> str:

@@ -23,6 +23,8 @@ from thalweg.algos.registry import ALGORITHMS
 from thalweg.cli.encoder import ENCODER_COMMANDS
 from thalweg.cli.main import COMMANDS, _parse
 from thalweg.env.spaces import part_spaces
+from thalweg.env.task.priced.eye import features_of
+from thalweg.env.tasks import TASKS
 from thalweg.render import Camera
 from thalweg.render.records.classes import CLASSES
 from thalweg.render.records.randomisation import Randomisation
@@ -251,6 +253,8 @@ def test_the_page_of_environments_states_the_space_of_each_part():
     assert rows[list(spaces).index("class")][2].endswith(f": {', '.join(CLASSES)}")
     numbers = spaces["privileged"].shape[0]
     assert f"| `privileged` | float32 [{numbers}], what" in page and f"`privileged` is {numbers} numbers" in page
+    most, boat = max(len(features_of(task)) for task in TASKS), len(features_of("River", "asv"))
+    assert f"up to {most} numbers in [tasks](tasks.md), and {boat} for [boats](boats.md)" in page
 
 
 @pytest.mark.parametrize("name", [name for name in PAPER if not issubclass(ALGORITHMS[name].config, OnPolicyConfig)])

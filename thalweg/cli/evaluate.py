@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from thalweg.env import EnvConfig
     from thalweg.world import Reach
 
-LEVELS_OF = {"uav": ("Easy", "Medium", "Hard"), "asv": ("Easy", "Medium-Deep", "Hard-Deep")}
-"""Levels of each vehicle, where none are named."""
-
 
 @dataclass(frozen=True)
 class Evaluate(Command):
@@ -96,6 +93,8 @@ class Evaluate(Command):
         return parse_seeds(self.world_seeds, "--world-seeds", UsageError)
 
     def run(self) -> int:
+        from thalweg.env.vehicle.levels import LEVELS_OF
+
         if self.sample and self.deterministic:
             raise UsageError("give --sample or --deterministic, not both")
         if self.out is not None:

@@ -66,7 +66,8 @@ class Cloning:
     on."""
 
     def run(self, *, progress: bool = False) -> RunResult:
-        """Train the student, or resume the run in the folder; a finished run is returned at once.
+        """Train the student, or resume the run in the folder, which is known by the content of its recordings; of a
+        finished run the result is returned.
 
         Raises `ConfigError`, `TrainingError` and `DatasetError` for arguments that are wrong, and for recordings that
         do not fit, before anything is learnt.

@@ -62,7 +62,7 @@ class Imitation:
     CPU. A run is resumed on the kind of device that it began on."""
 
     def run(self, *, progress: bool = False) -> RunResult:
-        """Train the student, or resume the run in the folder; a finished run is returned at once.
+        """Train the student, or resume the run in the folder; of a finished run the result is returned.
 
         Raises `AlgorithmError`, `TrainingError`, `ConfigError` and `WorldError` for arguments that are wrong, for the
         folder of another run or a file of a river that has changed, for rivers that do not fit into the memory, and for

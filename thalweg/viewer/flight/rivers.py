@@ -5,13 +5,12 @@ from collections.abc import Callable, Iterable
 from threading import Lock
 
 from thalweg.core.suggestion import did_you_mean
+from thalweg.env.vehicle.levels import LEVELS_OF
 from thalweg.viewer.errors import ViewerError
 from thalweg.world import Reach, World, WorldError, level_named, load_or_build
 
 KEPT = 4
 """Rivers in memory, some 100 MB each."""
-LEVELS = {"uav": ("Easy", "Medium", "Hard"), "asv": ("Easy", "Medium-Deep", "Hard-Deep")}
-"""Levels that each vehicle is at home on."""
 
 
 class Rivers:
@@ -20,7 +19,7 @@ class Rivers:
     def __init__(self, reach: Reach | None = None) -> None:
         """`reach`: a real river that can be flown beside the levels."""
         self._build: dict[str, Callable[[int | None], World]] = {
-            name: _level(name) for name in dict.fromkeys(name for names in LEVELS.values() for name in names)
+            name: _level(name) for name in dict.fromkeys(name for names in LEVELS_OF.values() for name in names)
         }
         if reach is not None:
             self._build[reach.name] = lambda seed: reach.build(seed or 0)

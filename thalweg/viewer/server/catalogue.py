@@ -6,11 +6,12 @@ from typing import Any
 
 from thalweg.core.plugins.record import PluginError
 from thalweg.env.tasks import TASKS, task_names, task_plugin
+from thalweg.env.vehicle.levels import LEVELS_OF
 from thalweg.viewer.flight.flyers import HAND, PILOTS
 from thalweg.viewer.flight.looks import LOOKS
 from thalweg.viewer.flight.options import FlightOptions
 from thalweg.viewer.flight.pictures import KINDS
-from thalweg.viewer.flight.rivers import LEVELS, Rivers
+from thalweg.viewer.flight.rivers import Rivers
 from thalweg.viewer.server.messages import SPEEDS
 
 TASK_TEXT = {
@@ -26,7 +27,7 @@ TASK_TEXT = {
 def catalogue(rivers: Rivers, policies: list[str], defaults: FlightOptions) -> dict[str, Any]:
     """Return the choices of the page as plain data, and the options that it begins with."""
     return {
-        "levels": {vehicle: [*names, *rivers.own] for vehicle, names in LEVELS.items()},
+        "levels": {vehicle: [*names, *rivers.own] for vehicle, names in LEVELS_OF.items()},
         "tasks": {**{name: TASK_TEXT[name] for name in TASKS}, **_tasks_of_plugins()},
         "looks": list(LOOKS),
         "pilots": [HAND, *PILOTS, *policies],

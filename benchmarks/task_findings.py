@@ -49,9 +49,10 @@ def read_studies(folder: Path = HERE, suite_of: Callable[[TaskName], Suite] = su
 
 
 def spread(estimate: Estimate) -> str:
-    """Return a mean and half of its interval; the mean alone without one."""
+    """Return a mean and how far its interval reaches, on the side where no bound cuts it; without one the mean."""
     text = mean_text(estimate.value)
-    return text if math.isnan(estimate.low) else f"{text} ± {mean_text((estimate.high - estimate.low) / 2)}"
+    reach = max(estimate.high - estimate.value, estimate.value - estimate.low)
+    return text if math.isnan(reach) else f"{text} ± {mean_text(reach)}"
 
 
 def outcome_text(outcome: Outcome) -> str:

@@ -2,7 +2,7 @@
 
 Figures are those of reports, which show each policy beside its own limit on the fixed river
 (`thalweg.bench.report.price_tables`). Here an algorithm without a limit stands beside all of them, and the flights of
-unseen rivers beside the front of unseen rivers. Intervals are over seeds.
+unseen rivers beside the front of unseen rivers.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.fronts.fronts import FIXED, UNSEEN, front_of, packaged_points
 from thalweg.bench.report.policies import evaluated_seeds
-from thalweg.bench.report.price_tables import by_seed, costs_of, mean_cost, mean_return
+from thalweg.bench.report.price_tables import by_seed, costs_of, mean_cost, mean_return, task_cost
 from thalweg.bench.results.front import Front
 from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.results import Results
@@ -184,7 +184,7 @@ def outcome_of(key: tuple[str, str, float, str], episodes: Sequence[Episode], fr
     return Outcome(
         *key,
         mean_estimate(episodes, "return_"),
-        mean_estimate(episodes, "cost"),
+        task_cost(episodes),
         by_seed(episodes, lambda rows: share_above(costs_of(rows), limit)),
         by_seed(episodes, lambda rows: front.regret(mean_cost(rows), mean_return(rows))),
     )

@@ -100,12 +100,15 @@ def test_policies_of_one_name_are_told_apart():
 
 def test_a_policy_does_not_stand_for_a_pilot_of_its_folders_name(tmp_path: Path):
     given = []
-    for name in ("steady", "hand", "packaged"):
+    for name in ("steady", "hand", "replay", "packaged"):
         (tmp_path / name).mkdir()
         image_policy("rgb", 32).save(tmp_path / name / "policy.safetensors")
         given.append(str(tmp_path / name))
-    assert list(Fly(policies=tuple(given))._loaders()) == ["steady (2)", "hand (2)", "packaged (2)", "packaged"]
+    assert list(Fly(policies=tuple(given))._loaders()) == [
+        *("steady (2)", "hand (2)", "replay (2)", "packaged (2)", "packaged")
+    ]
     assert list(Fly(policies=("packaged",))._loaders()) == ["packaged"]
+    assert list(Fly(policies=("steady",))._loaders()) == ["packaged"]  # the pilot is on the page anyway
 
 
 def heed_interrupts() -> None:

@@ -170,7 +170,7 @@ def test_flights_that_another_command_recorded_meanwhile_are_not_recorded_twice(
     with monkeypatch.context() as earlier:
         earlier.setattr(draft, "finished_flights", lambda folder: next(before_the_others, read(folder)))
         assert main(command) == 2
-    assert "another command recorded flights there meanwhile" in capsys.readouterr().err
+    assert "another command recorded flights there; run" in capsys.readouterr().err
     assert main(command) == 0 and len(list(read_recordings(tmp_path / "flights")[1])) == 3
 
 

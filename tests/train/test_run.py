@@ -200,7 +200,7 @@ def test_a_finished_run_is_returned_at_once(finished):
 
 
 @pytest.mark.parametrize("raised", ["training", "FOCOPS"])
-def test_a_run_of_another_version_is_not_gone_on_with(tmp_path, monkeypatch, raised):
+def test_a_run_of_another_version_is_not_resumed(tmp_path, monkeypatch, raised):
     with pytest.raises(Stop):
         train(tmp_path, "FOCOPS", StopsAt(130))
     with monkeypatch.context() as later:

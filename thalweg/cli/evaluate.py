@@ -194,7 +194,7 @@ def _name_of(policy: "Policy | RecurrentPolicy", command: Evaluate) -> str:
 def _encoder_for(policy: "Policy | RecurrentPolicy", command: Evaluate, rules: "EnvConfig") -> "Encoder | None":
     """Return the encoder whose codes a policy sees, None for one that sees none.
 
-    Raises `UsageError` for an encoder that a policy of the privileged observation or of images is given, and the errors
+    Raises `UsageError` for an encoder that a policy which sees no frames through one is given, and the errors
     of `encoder_of`, `load_compatible_encoder` and `check_policy_fits`.
     """
     from thalweg.bench.evaluate.baselines import sight_of
@@ -244,7 +244,8 @@ def load_named_policy(name: str, vehicle: str = "uav") -> "Policy | RecurrentPol
 
 
 def sampling(policy: "Policy | RecurrentPolicy", name: str) -> "Policy | RecurrentPolicy":
-    """Return a policy that samples its actions; raises `UsageError` for a baseline or a planner, which has no such."""
+    """Return a policy that samples its actions; raises `UsageError` for one without probabilities of actions, such as a
+    baseline, a planner, or a policy that gives one action."""
     actions = getattr(policy, "actions", None)
     if not hasattr(policy, "greedy") or (actions is not None and actions.kind == "point"):
         raise UsageError(f"--sample is for policies with probabilities of actions; {name} has none")

@@ -64,7 +64,7 @@ class ChosenFlight(Command):
 
 
 def free_name(given: str, taken: Collection[str]) -> str:
-    """Return the name of a policy for people, numbered if it is that of something else."""
+    """Return the name of a policy for people, numbered where the name is taken."""
     name = policy_name(given)
     number, free = 2, name
     while free in taken:

@@ -40,12 +40,12 @@ class FlownFlight(ChosenFlight):
         """
         from thalweg.cli.evaluate import load_named_policy
         from thalweg.viewer.flight.cockpit import Cockpit
-        from thalweg.viewer.flight.flyers import HAND, PILOTS
+        from thalweg.viewer.flight.flyers import HAND, PILOTS, REPLAY
         from thalweg.viewer.flight.recording import Folder
 
         rivers, options = self.chosen(size_px)
         piloted = self.flight in PILOTS
-        name = self.flight if piloted else free_name(self.flight, (HAND, *PILOTS))
+        name = self.flight if piloted else free_name(self.flight, (HAND, REPLAY, *PILOTS))
         policies = {} if piloted else {name: cache(partial(load_named_policy, self.flight, self.vehicle))}
         for one in policies.values():
             one()  # its errors show before anything is built

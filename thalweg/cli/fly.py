@@ -37,7 +37,7 @@ class Fly(ChosenFlight):
 
     def run(self) -> int:
         """Serve the page until Ctrl-C."""
-        from thalweg.viewer.flight.flyers import HAND
+        from thalweg.viewer.flight.flyers import HAND, PILOTS
         from thalweg.viewer.flight.recording import Folder
         from thalweg.viewer.server.app import bind, make_app, make_shared, serve, stop
         from thalweg.viewer.server.guard import LOOPBACK as LOOPBACKS
@@ -46,7 +46,9 @@ class Fly(ChosenFlight):
         self._check()
         rivers, options = self.chosen(self.size)
         policies = self._loaders()
-        pilot = next(iter(policies)) if self.policies else HAND
+        pilot = HAND
+        if self.policies:
+            pilot = self.policies[0] if self.policies[0] in PILOTS else next(iter(policies))
         shared = make_shared(policies, Folder(self.out), rivers=rivers, options=options, pilot=pilot)
         bound, token = bind(self.port, self.host), new_token()
         address = f"http://{_in_address(self.host)}:{bound.getsockname()[1]}/{token}/"
@@ -75,13 +77,13 @@ class Fly(ChosenFlight):
         """Return functions that load policies, by name; those that were named are loaded now, so that errors show."""
         from thalweg.bench.suite.config import PACKAGED
         from thalweg.cli.evaluate import load_named_policy
-        from thalweg.viewer.flight.flyers import HAND, PILOTS
+        from thalweg.viewer.flight.flyers import HAND, PILOTS, REPLAY
 
         loaders: dict[str, Callable[[], Any]] = {}
-        for given in self.policies:
+        for given in (name for name in self.policies if name not in PILOTS):  # these are there anyway
             load = cache(partial(load_named_policy, given, self.vehicle))
             load()
-            others = (HAND, *PILOTS) if given == PACKAGED else (HAND, *PILOTS, PACKAGED)
+            others = (HAND, REPLAY, *PILOTS, *([] if given == PACKAGED else [PACKAGED]))
             loaders[free_name(given, (*loaders, *others))] = load
         return {**loaders, PACKAGED: loaders.get(PACKAGED) or cache(partial(load_named_policy, PACKAGED))}
 

@@ -85,7 +85,7 @@ class Record(FlownFlight):
             ) as writer,
         ):
             if writer.finished != len(done):
-                raise DatasetError(f"{self.out}: another command recorded flights there meanwhile; give this one again")
+                raise DatasetError(f"{self.out}: another command recorded flights there; run the command again")
             task = progress.add_task(self.out.name, total=count, completed=writer.finished, rate="")
             for cockpit in itertools.chain([first], flights) if writer.finished < count else ():
                 flight = cockpit.flight

@@ -76,9 +76,9 @@ class RenderFrames(Command):
             raise UsageError(
                 "--gallery draws one view in the full quality: leave out --frames, --quality and --randomise"
             )
-        if self.gallery and (checked_task(self.task) != "River" or self.count != type(self).count):
+        task = checked_task(self.task)  # one that cannot be is refused before the river is built
+        if self.gallery and (task != "River" or self.count != type(self).count):
             raise UsageError("--gallery draws one view without objects: leave out --task and --count")
-        checked_task(self.task)
         if self.camera and self.size != type(self).size:
             raise UsageError("--size goes without --camera, which has height_px and width_px")
         self._camera  # noqa: B018  a camera that cannot be is refused before the river is built

@@ -16,8 +16,8 @@ from thalweg.datasets.errors import DatasetError
 Layer = Literal["mask", "depth", "class"]
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 """What may be recorded beside the colours."""
-LAYER_OF_FIELD: dict[str, Layer] = {"mask": "mask", "depth_m": "depth", "class_id": "class"}
-"""Layers by the fields of `RecordedEpisode` that hold them."""
+FIELD_OF_LAYER: dict[Layer, str] = {"mask": "mask", "depth": "depth_m", "class": "class_id"}
+"""Fields of `RecordedEpisode` that hold the layers."""
 ACTION_NAMES = ("up", "turn left", "forward", "left")
 """Meaning of +1 in each branch of a move; -1 is the opposite direction, and 0 no motion."""
 POSE_NAMES = ("x", "y", "z", "yaw")
@@ -123,7 +123,7 @@ class RecordedEpisode:
 
     def layer(self, name: Layer) -> np.ndarray | None:
         """Return a layer [T + 1, H, W], see the fields; None if it was not recorded."""
-        return {"mask": self.mask, "depth": self.depth_m, "class": self.class_id}[name]
+        return getattr(self, FIELD_OF_LAYER[name])
 
 
 def is_plain(value: Any) -> bool:
@@ -165,8 +165,8 @@ def _array_error(episode: RecordedEpisode, about: About) -> str:
     for name, shape in shapes.items():
         values = getattr(episode, name)
         if values is None:
-            if (layer := LAYER_OF_FIELD.get(name)) in about.layers:
-                return f"the layer {layer} is missing, which every flight of the data set has"
+            if missing := [layer for layer in about.layers if FIELD_OF_LAYER[layer] == name]:
+                return f"the layer {missing[0]} is missing, which every flight of the data set has"
             continue
         if values.shape != shape:
             return f"{name} has the shape {values.shape}, not {shape}"

@@ -14,8 +14,12 @@ from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, write_
 ADAM = "adam."
 """Prefix of the names of Adam's moments."""
 ANEW = "train in a new folder"
-UNUSUAL = ("camera", "quality", "randomise", "world_seeds", "device")
-"""What a run may say of its frames, and of the device that it learns on; absent where these are as usual."""
+OPTIONAL = ("camera", "quality", "randomise", "world_seeds")
+"""What a run may say of its frames; it is absent where they are as usual."""
+LATER = ("level", "world_seeds", "river")
+"""What trainings of autoencoders say of their rivers; older ones said nothing."""
+DEVICE, CPU = "device", "cpu"
+"""Kind of the device that a training learns on; without a record it is the CPU."""
 VERSION = "_version"
 """Ending of the keys of versions in what a run says of itself."""
 Row = dict[str, float | None]
@@ -126,10 +130,12 @@ def check_folder(folder: Path, kind: FolderKind, run: Mapping[str, Any]) -> None
 def require_same_run(folder: Path, kind: FolderKind, recorded: Mapping[str, Any], run: Mapping[str, Any]) -> None:
     """Raise `EncoderFileError`, naming the first differences, unless the training in a folder is the one of `run`.
 
-    What neither `run` nor `UNUSUAL` names is not compared, nor is a version that an older training did not record.
+    What neither `run` nor `OPTIONAL` names is not compared, nor is what an older training did not record.
     """
-    kept = {key: recorded[key] for key in (*run, *UNUSUAL) if key in recorded}
-    asked = {key: value for key, value in run.items() if key in recorded or not key.endswith(VERSION)}
+    older = () if any(key in recorded for key in ("level", "levels", "river")) else LATER
+    recorded = {DEVICE: CPU, **recorded}
+    kept = {key: recorded[key] for key in (*run, *OPTIONAL) if key in recorded}
+    asked = {key: value for key, value in run.items() if key in recorded or not (key.endswith(VERSION) or key in older)}
     kind.require_same(folder, kept, asked)
 
 

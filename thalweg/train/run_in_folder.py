@@ -109,7 +109,9 @@ def _check_made_with(folder: Path, existing: dict[str, Any], now: dict[str, Any]
         return
     found = f"{folder} was made with {'; '.join(other)}"
     if not finished:
-        raise TrainingError(f"{found}: a run that went on would be neither's; train it again in another folder")
+        raise TrainingError(
+            f"{found}: it cannot be resumed, since its numbers would mix both; train it again in another folder"
+        )
     warnings.warn(f"{found}; train it again in another folder for today's numbers", ResumeWarning, stacklevel=4)
 
 

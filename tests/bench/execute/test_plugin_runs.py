@@ -115,6 +115,7 @@ def test_a_raised_version_does_its_runs_again_and_keeps_the_earlier_ones_apart(m
     now = changed(mine, lambda text: text.replace("version=1", "version=2"))
     assert set(read_results(folder).outdated) == {"PricedPG (PricedPG 1)"}
     assert [entry.versions for entry in entries(folder)] == ["PricedPG 1", "current"]
+    assert read_results(folder).made_by("PricedPG") == f"PricedPG 1 ({before})"
     run_suite(suite(), folder, backend, only=("PricedPG-0",))
     assert trained(backend) == ["PricedPG-0"]
     sources = read_sources(folder)

@@ -81,8 +81,9 @@ def test_what_critics_of_outdated_policies_saw_is_what_their_runs_recorded():
     results = Results(Path(), suite, [], [], [], [], outdated=outdated, versions=recorded)
     more, same = "the privileged state and progress too", "what the policy sees"
     assert [results.critics_see(name) for name in (*outdated, "hover")] == [same, more, "none"]
-    again = replace(results, runs=[RunRow("PPO-0", "train", "PPO", 0, 9, "finished")])
-    again.versions["PPO-0"] = {"render": 3, "PPO": ALGORITHMS_NOW["PPO"], "privileged": 2}
+    repeated: Versions = {"render": 3, "PPO": ALGORITHMS_NOW["PPO"], "privileged": 2}
+    runs = [RunRow("PPO-0", "train", "PPO", 0, 9, "finished")]
+    again = replace(results, runs=runs, versions=recorded | {"PPO-0": repeated})
     assert [again.critics_see(name) for name in ("PPO", "PPO (render 1)")] == [more, same], "each by its own records"
     eye = replace(results, suite=suite | {"observation": "privileged"})
     assert eye.critics_see("CUP (render 1)") == "unknown", "the privileged observation says nothing of its critics"

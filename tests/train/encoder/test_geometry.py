@@ -12,6 +12,7 @@ from thalweg.cli.main import main
 from thalweg.core import versions
 from thalweg.core.compute import device
 from thalweg.encoder import EncoderFileError, EncoderInputError, load_encoder
+from thalweg.encoder.checkpoint import require_same_run
 from thalweg.encoder.files import FORMAT, write_tensors
 from thalweg.encoder.geometry import GeometryNetwork
 from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, KIND, write_geometry
@@ -180,22 +181,25 @@ def test_a_finished_folder_without_its_checkpoint_is_refused_for_other_settings(
         replace(run(finished), **options).run()
 
 
-@pytest.mark.parametrize("raised", ["IMITATION", "PRIVILEGED", "RULES", "WORLD"])
+@pytest.mark.parametrize("raised", ["ENCODER", "IMITATION", "PRIVILEGED", "RULES", "WORLD"])
 def test_a_folder_of_another_version_is_refused(raised: str, finished: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(versions, raised, getattr(versions, raised) + 1)
     with pytest.raises(EncoderFileError, match=rf"{raised.lower()}_version is \d there and \d here"):
         run(finished).run()
 
 
-def test_a_training_is_resumed_with_its_precision_on_its_kind_of_device(
+def test_a_training_is_refused_on_another_kind_of_device_and_with_another_precision(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     training = run(tmp_path)
     monkeypatch.setattr(GeometryTraining, "drawn", None)
     begun = {**training._run, "precision": "float32", "device": "cuda"}
     write_tensors(tmp_path / "checkpoint.safetensors", {}, {"kind": KIND, "format": FORMAT, "run": begun, "rows": []})
-    with pytest.raises(EncoderFileError, match="device is 'cuda' there and absent here"):
+    with pytest.raises(EncoderFileError, match="device is 'cuda' there and 'cpu' here"):
         training.run()
+    training._check_folder(tmp_path / "encoder.safetensors")  # as that of a finished training, which needs no device
+    resume = {"folder": tmp_path, "kind": GEOMETRY_FOLDER, "recorded": begun}
+    require_same_run(run={**training._run, **training._learns("cuda"), "precision": "float32"}, **resume)
     begun.pop("device")
     write_tensors(tmp_path / "checkpoint.safetensors", {}, {"kind": KIND, "format": FORMAT, "run": begun, "rows": []})
     with pytest.raises(EncoderFileError, match="precision is 'float32' there and 'bfloat16' here"):

@@ -11,6 +11,7 @@ from thalweg.encoder import EncoderFileError, TrainingResult, VAEConfig
 from thalweg.encoder.files import read_tensors, write_tensors
 from thalweg.train.encoder import frames as frame_collection
 from thalweg.train.encoder.training import collect_and_train
+from thalweg.world import Reach
 
 CONFIG = VAEConfig(latent=4, size_px=48)
 
@@ -62,7 +63,20 @@ def test_the_folder_of_another_training_is_refused_before_a_frame_is_rendered(
     assert collected == [8]
 
 
-def test_a_training_of_another_version_is_not_gone_on_with(
+def test_another_reach_of_a_file_is_another_training(tmp_path: Path, collected: list[int]):
+    file = tmp_path / "brook.geojson"
+    file.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0008, 48], [9.0016, 48.0003]]}')
+    train(tmp_path / "run", level=Reach(file, width_m=9.0))
+    assert train(tmp_path / "run", level=Reach(file, width_m=9.0)).already_finished
+    with pytest.raises(EncoderFileError, match=r"river\.width_m is 9.0 there and 8.0 here"):
+        train(tmp_path / "run", level=Reach(file, width_m=8.0))
+    file.write_text(file.read_text().replace("9.0008", "9.0009"))
+    with pytest.raises(EncoderFileError, match=r"river\.content"):
+        train(tmp_path / "run", level=Reach(file, width_m=9.0))
+    assert collected == [8]
+
+
+def test_a_training_of_another_version_is_not_resumed(
     tmp_path: Path, collected: list[int], monkeypatch: pytest.MonkeyPatch
 ):
     train(tmp_path)
@@ -71,6 +85,7 @@ def test_a_training_of_another_version_is_not_gone_on_with(
     with pytest.raises(EncoderFileError, match=r"encoder_version is \d there and \d here"):
         train(tmp_path)
     tensors, about = read_tensors(checkpoint, "encoder training")
-    del about["run"]["encoder_version"]  # as before versions were recorded
+    for name in ("encoder_version", "level", "render_version", "world_version"):  # which earlier trainings lack
+        del about["run"][name]
     write_tensors(checkpoint, tensors, about)
     assert train(tmp_path).already_finished and collected == [8]

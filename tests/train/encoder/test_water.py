@@ -93,7 +93,7 @@ def test_a_finished_training_is_read_and_nothing_is_drawn(lost: bool, tmp_path: 
 
 
 @pytest.mark.parametrize("raised", ["ENCODER", "WORLD"])
-def test_a_training_of_another_version_is_not_gone_on_with(
+def test_a_training_of_another_version_is_not_resumed(
     raised: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drawn: list[int]
 ):
     training(tmp_path).run(progress=False)

@@ -10,7 +10,7 @@ from thalweg.bench.leaderboard.entries import flown_names
 from thalweg.bench.leaderboard.policy_entry import PolicyEntry, arm_fields
 from thalweg.bench.leaderboard.requirements import LEVEL, Flights
 from thalweg.bench.report.policies import limit_met
-from thalweg.bench.report.price_tables import by_seed, limit_of, mean_cost, mean_return
+from thalweg.bench.report.price_tables import by_seed, limit_of, mean_cost, mean_return, task_cost
 from thalweg.bench.results.front import Front
 from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.results import Results
@@ -80,6 +80,6 @@ def _entry(
         task=task_of(results.suite),
         limit=limit_of(results, name),
         returns={rivers: mean_estimate(rows, "return_") for rivers, rows in flown.items()},
-        costs={rivers: mean_estimate(rows, "cost") for rivers, rows in flown.items()},
+        costs={rivers: task_cost(rows) for rivers, rows in flown.items()},
         regrets=regrets,
     )

@@ -11,7 +11,7 @@ from thalweg.algos.interface import MEAN_EPISODES
 from thalweg.bench.fronts.fronts import FrontPoint, front_of
 from thalweg.bench.report.figures import GRID, STYLE, line_style
 from thalweg.bench.report.policies import train_level, trained_policies
-from thalweg.bench.report.price_tables import limit_of, oracle_points
+from thalweg.bench.report.price_tables import limit_of, oracle_points, task_cost
 from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes, mean_and_std, running_mean
@@ -43,7 +43,7 @@ def front_figure(results: Results) -> Figure | None:
             colour = line_style(order.index(algorithms[name]))["color"]
             limit = limit_of(results, name)
             marker = "X" if limit is None else MARKERS[limits.index(limit) % len(MARKERS)]
-            cost, returned = mean_estimate(episodes, "cost"), mean_estimate(episodes, "return_")
+            cost, returned = task_cost(episodes), mean_estimate(episodes, "return_")
             _draw_point(axis, cost, returned, colour, marker, name)
         for limit in limits:
             axis.axvline(limit, color="0.6", linewidth=0.8, linestyle=":", zorder=0)

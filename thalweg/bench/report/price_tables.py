@@ -6,6 +6,7 @@ The oracle's front is that of the training level's fixed river. Intervals of mea
 """
 
 import json
+import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -70,6 +71,11 @@ def costs_of(episodes: Sequence[Episode]) -> np.ndarray:
     return np.array([row.cost for row in episodes])
 
 
+def task_cost(episodes: Sequence[Episode]) -> Estimate:
+    """Return the mean cost of episodes of a task whose costs have no greatest value."""
+    return mean_estimate(episodes, "cost", math.inf)
+
+
 def mean_cost(episodes: Sequence[Episode]) -> float:
     """Return the mean cost of episodes."""
     return float(costs_of(episodes).mean())
@@ -98,7 +104,7 @@ def price_table(results: Results) -> Table:
 
 
 def _price_row(results: Results, name: str, episodes: Sequence[Episode], front: Front | None) -> list[Cell]:
-    limit, cost = limit_of(results, name), mean_estimate(episodes, "cost")
+    limit, cost = limit_of(results, name), task_cost(episodes)
     about_limit: list[Cell] = ["none", cost, "no limit", "no limit"]
     if limit is not None:
         above = by_seed(episodes, lambda rows: share_above(costs_of(rows), limit))

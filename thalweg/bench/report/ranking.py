@@ -1,5 +1,6 @@
 """The ranking of the trained policies on the training level, with what stands beside them for comparison."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -136,7 +137,7 @@ def ranking(results: Results) -> Ranking:
             missing.append(f"{name} {results.gap(name)}")
             continue
         limit = (COST_LIMIT if paper else limit_of(results, name)) if name in trained else None
-        figures = mean_estimate(episodes, "return_"), mean_estimate(episodes, "cost")
+        figures = mean_estimate(episodes, "return_"), mean_estimate(episodes, "cost", None if paper else math.inf)
         completed = float(np.mean([row.success for row in episodes]))
         about = "" if name in trained else IN_WORDS.get(name.partition(" (")[0], OTHER)
         rows.append(Ranked(name, 0, *figures, completed, limit, about))

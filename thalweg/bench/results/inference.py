@@ -137,23 +137,28 @@ def bootstrap_iqm_return(rows: Sequence[Episode]) -> Estimate:
     return Estimate(value, float(interval.low), float(interval.high))
 
 
-def mean_estimate(rows: Sequence[Episode], field: str) -> Estimate:
+def mean_estimate(rows: Sequence[Episode], field: str, most: float | None = None) -> Estimate:
     """Return the mean of a field over episodes; without an interval where a seed did not fly every start.
 
+    `most`: the field's greatest value, infinite where it has none; by default that of `field_bounds`.
     The interval is at least as wide as `independent_mean`'s, since equal means of seeds are no evidence of certainty.
     """
     try:
         scores = score_matrix(rows, field)
     except ValueError:
         return Estimate(float(np.mean([getattr(row, field) for row in rows])))
-    return clip(widen(seed_estimate(scores, np.mean), independent_mean(scores, field)), *field_bounds(field, scores))
+    bounds = field_bounds(field, scores) if most is None else (FIELD_RANGES[field][0], most)
+    return clip(widen(seed_estimate(scores, np.mean), _independent_mean(scores, *bounds)), *bounds)
 
 
 def independent_mean(scores: np.ndarray, field: str) -> Estimate:
     """Return the mean of scores [L, M] with the interval that they have if all are independent: Student's t, or
     Wilson's where all scores are equal."""
+    return _independent_mean(scores, *field_bounds(field, scores))
+
+
+def _independent_mean(scores: np.ndarray, least: float, most: float) -> Estimate:
     estimate = t_interval(float(scores.mean()), scores.ravel())
-    least, most = field_bounds(field, scores)
     if not np.isfinite(most) or np.ptp(scores) > TOLERANCE:
         return estimate
     ends = wilson_interval(float(np.clip((estimate.value - least) / (most - least), 0.0, 1.0)), scores.size)

@@ -237,7 +237,7 @@ class Results:
             return "none"
         if policy not in self.outdated:
             older = {self.critics_see(each) for each, of in self.outdated.items() if of.policy == name}
-            if older and name not in {row.algorithm for row in self.runs}:
+            if older and not self._is_run(name):
                 return older.pop() if len(older) == 1 else "unknown"
             return SEEN_BY_CRITICS[name in self.with_asymmetric_critics]
         records = [self.versions[run] for run in self.runs_of(policy) if run in self.versions]
@@ -251,6 +251,10 @@ class Results:
         every = {"": self.episodes, **self.condition_episodes}
         return {(name, row.algorithm, row.seed, row.level) for name, rows in every.items() for row in rows}
 
+    def _is_run(self, policy: str) -> bool:
+        """Return whether a policy has been run, under just that name."""
+        return policy in {row.algorithm for row in self.runs}
+
     def runs_of(self, policy: str) -> list[str]:
         """Return the names of the runs of a policy with all seeds of its arm; of one that was not trained, its only
         one."""
@@ -262,9 +266,10 @@ class Results:
 
     def made_by(self, policy: str) -> str:
         """Return version and source of all plug-ins and functions that the runs of a policy were made with; empty for
-        the package alone."""
+        the package alone. Those of an arm that has been run with other versions alone are theirs."""
         found: dict[str, None] = {}
-        for run in self.runs_of(policy):
+        older = [] if self._is_run(policy) else [each for each, of in self.outdated.items() if of.policy == policy]
+        for run in (run for name in (policy, *older) for run in self.runs_of(name)):
             for name, source in self.sources.get(run, {}).items():
                 found[f"{name} {self.versions.get(run, {}).get(name)} ({source})"] = None
         return ", ".join(found)

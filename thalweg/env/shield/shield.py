@@ -20,8 +20,8 @@ from thalweg.env.spaces import to_unit_actions
 from thalweg.env.task.motion import Pose, UnitAction
 from thalweg.render.records.appearance import HALF_H, HALF_W, PITCH, look_rows, look_values
 
-UNIT_MOVES = MOVES.astype(np.float64)
-"""[M, 4] the moves that may replace a vetoed one."""
+MOVES_FLOAT64 = MOVES.astype(np.float64)
+"""[M, 4] the moves that may replace a vetoed one, in the type that the kernel takes."""
 DEFAULT_SHIELD = ShieldConfig()
 
 
@@ -107,7 +107,7 @@ class Shield:
                 f" {list(masks.shape)} and {list(np.shape(heights))}"
             )
         proposed = to_unit_actions("multidiscrete", actions, count)
-        worths = np.zeros((count, len(UNIT_MOVES)))
+        worths = np.zeros((count, len(MOVES_FLOAT64)))
         if log_probs is not None:
             worths[:] = np.asarray(log_probs)[:, np.arange(MOVE_OPTIONS.shape[1]), MOVE_OPTIONS].sum(-1)
         made, verdicts = np.empty((count, 4)), np.empty(count, np.int64)
@@ -118,7 +118,7 @@ class Shield:
             np.empty(masks.shape[1:], np.uint8),
             np.ascontiguousarray(heights, np.float64),
             (self.bounds, self.limits),
-            (UNIT_MOVES, worths, log_probs is not None),
+            (MOVES_FLOAT64, worths, log_probs is not None),
             proposed,
             (made, verdicts),
         )

@@ -1,4 +1,4 @@
-"""Levels that each vehicle is evaluated on and flown in, where none are named."""
+"""Levels of each vehicle: those that it is evaluated on by default, and that can be chosen to fly in."""
 
 LEVELS_OF: dict[str, tuple[str, ...]] = {
     "uav": ("Easy", "Medium", "Hard"),

@@ -23,7 +23,7 @@ from thalweg.core.compute.device import resolve_device
 from thalweg.core.config import to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, EncoderInputError, load_encoder, sides
-from thalweg.encoder.checkpoint import check_folder, require_same_run
+from thalweg.encoder.checkpoint import DEVICE, check_folder, require_same_run
 from thalweg.encoder.files import FILE, EncoderFileError, load_model
 from thalweg.encoder.geometry import GeometryConfig, Scale
 from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, Labelled, train_geometry, write_geometry
@@ -42,7 +42,6 @@ from thalweg.train.encoder.targets import mirrored_targets, shown_of, targets_of
 from thalweg.train.encoder.views import TARGETS, KnownViews, draw_views, flight_views, start_views
 from thalweg.train.encoder_of_run import check_size_fits
 from thalweg.train.flip import flipped
-from thalweg.train.folder.run_record import device_identity
 from thalweg.train.river import banks_version
 from thalweg.world import level_named
 
@@ -135,7 +134,7 @@ class GeometryTraining:
                 seed=self.seed,
                 precision=self.precision,
                 device=device,
-                identity={**self._identity, **device_identity(torch.device(device).type)},
+                identity={**self._identity, DEVICE: torch.device(device).type},
                 progress=progress,
             )
             fitted = lessons.fitted()
@@ -189,7 +188,7 @@ class GeometryTraining:
 
     def _learns(self, device: str) -> dict[str, Any]:
         """Return what distinguishes where it learns from elsewhere: the precision, and the kind of device."""
-        return {"precision": resolve_precision(self.precision, device), **device_identity(torch.device(device).type)}
+        return {"precision": resolve_precision(self.precision, device), DEVICE: torch.device(device).type}
 
     @cached_property
     def targets(self) -> tuple[str, ...]:
@@ -256,6 +255,7 @@ class GeometryTraining:
             **camera_as_data(self.camera),
             "render_version": RENDER_VERSION,
             "lessons_version": VERSION,
+            "encoder_version": versions.ENCODER,
             "imitation_version": versions.IMITATION,
             "privileged_version": versions.PRIVILEGED,
             "rules_version": versions.RULES,
@@ -297,7 +297,7 @@ class RiverLessons:
         draw_views(self._env, self.views.rows(slice(len(rivers))), np.random.default_rng(0))  # loads the rivers
 
     def draw(self, epoch: int) -> Iterator[Labelled]:
-        """Yield the sets of frames of an epoch, `CHUNK` at a time, each as often as there are passes.
+        """Yield the sets of frames of an epoch, about `CHUNK` at a time, each as often as there are passes.
 
         While one set is learnt from, the next one is drawn in the background.
         """
@@ -321,13 +321,12 @@ class RiverLessons:
         return Labelled(np.concatenate(frames), np.concatenate([views.truths for views in chosen]))
 
     def _chosen(self, count: int, generator: np.random.Generator) -> Iterator[KnownViews]:
-        """Yield random views, `CHUNK` at a time; none is chosen twice before all were."""
+        """Yield random views, about `CHUNK` at a time; none is chosen twice before all were."""
         stored, order = len(self.views.river), np.zeros(0, np.int64)
         while len(order) < count:
             order = np.concatenate([order, generator.permutation(stored)])
-        starts = [
-            start for start in range(0, count, CHUNK) if start == 0 or count - start > 1
-        ]  # one alone teaches none
+        # A set of one frame has no batch statistics: it is joined to the one before.
+        starts = [at for at in range(0, count, CHUNK) if at == 0 or count - at > 1]
         for start, end in itertools.pairwise([*starts, count]):
             yield self.views.rows(order[start:end])
 

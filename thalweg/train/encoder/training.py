@@ -17,6 +17,7 @@ from thalweg.render import RENDER_VERSION
 from thalweg.train.encoder import frames as frame_collection
 from thalweg.train.encoder.drawing import Drawing
 from thalweg.train.encoder_of_run import check_size_fits
+from thalweg.train.river import banks_version
 from thalweg.world import Reach, level_named
 
 
@@ -66,7 +67,7 @@ def collect_and_train(
         "images": images + held_out,
         "precision": resolve_precision("auto"),
         "encoder_version": versions.ENCODER,
-        **(identity := _identity(name, seeds, drawing)),
+        **(identity := _identity(level, seeds, drawing)),
     }
     check_folder(folder, ENCODER_FOLDER, run)
     if (found := finished_training(folder, epochs)) is not None:
@@ -93,8 +94,10 @@ def collect_and_train(
     )
 
 
-def _identity(name: str, seeds: Sequence[int], drawing: Drawing) -> dict[str, Any]:
+def _identity(ground: str | Reach, seeds: Sequence[int], drawing: Drawing) -> dict[str, Any]:
     """Return what distinguishes the frames from others: their river, how they are drawn, and the versions of both."""
-    rivers = {"level": name, **({"world_seeds": compact_seeds(seeds)} if seeds else {})}
-    drawn_by = {"render_version": RENDER_VERSION, "world_version": versions.WORLD}
-    return {**rivers, **drawn_by, **drawing.as_data()}
+    of_file = isinstance(ground, Reach)
+    rivers: dict[str, Any] = {"river": ground.as_data()} if of_file else {"level": ground}
+    rivers |= {"world_seeds": compact_seeds(seeds)} if seeds else {}
+    rivers |= banks_version([ground if of_file else level_named(ground)])
+    return {**rivers, "render_version": RENDER_VERSION, "world_version": versions.WORLD, **drawing.as_data()}

@@ -1,11 +1,12 @@
 """Voyages of the boat's pilot from one random start on each of 300 rivers of each level that boats have.
 
-    python benchmarks/boat_pilot.py                       # resumes; rivers that are in the table are not run again
+    python benchmarks/boat_pilot.py                       # resumes; rivers with a row of today's are not run again
     python benchmarks/boat_pilot.py --levels Easy --seeds 3000:3010 --out trial.csv
     python benchmarks/boat_pilot.py --write               # the table of docs/boats.md
 
-boat_pilot.csv has a row for each river: its return, of 10, the costs by kind, the length and the reason of the end. The
-pilot knows the map. It shows that each of these rivers can be run at no cost, from wherever an episode begins.
+boat_pilot.csv has a row for each river: its return, of 10, the costs by kind, the length, the reason of the end, and
+the versions that these depend on; rows of other versions are run again. The pilot knows the map. It shows that each of
+these rivers can be run at no cost, from wherever an episode begins.
 """
 
 import argparse
@@ -19,6 +20,7 @@ from page_sections import replace_section
 from thalweg import BOAT_IDS
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.report.table import frame, markdown
+from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.seeds import parse_seeds
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
@@ -27,7 +29,9 @@ from thalweg.world import level_named
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "boats.md"
 TABLE = Path(__file__).resolve().with_suffix(".csv")
-COLUMNS = ("level", "seed", "return", "tight", "loose", "shallow", "length", "reason")
+VERSIONS = {"world": str(versions.WORLD), "rules": str(versions.RULES), "vehicles": str(versions.VEHICLES)}
+"""What a row depends on, by its columns."""
+COLUMNS = ("level", "seed", "return", "tight", "loose", "shallow", "length", "reason", *VERSIONS)
 SEEDS = "3000:3300"
 """Seeds of the rivers of each level."""
 TOGETHER = 25
@@ -52,7 +56,13 @@ def voyages(level: str, seeds: Sequence[int]) -> Iterator[dict[str, str]]:
     for row, seed in enumerate(seeds):
         values = level, seed, f"{returns[row]:.4f}", *(f"{cost:.4f}" for cost in costs[row])
         told = *values, lengths[row], DoneReason(reasons[row]).label
-        yield dict(zip(COLUMNS, map(str, told), strict=True))
+        yield dict(zip(COLUMNS, map(str, (*told, *VERSIONS.values())), strict=True))
+
+
+def current_rows(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a table that are of today's versions; none without a file."""
+    rows = read_csv(path, COLUMNS) if path.is_file() else []
+    return [row for row in rows if row.items() >= VERSIONS.items()]
 
 
 def page_section(rows: Sequence[dict[str, str]]) -> str:
@@ -79,11 +89,11 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="run nothing, but write the table of the page")
     given = parser.parse_args()
     if given.write:
-        section = page_section(read_csv(given.out, COLUMNS))
+        section = page_section(current_rows(given.out))
         write_atomic(PAGE, replace_section(PAGE.read_text(encoding="utf-8"), "pilot", section))
         return
     seeds = parse_seeds(given.seeds, "--seeds", ValueError)
-    rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
+    rows = current_rows(given.out)
     for level in given.levels:
         known = {int(row["seed"]) for row in rows if row["level"] == level}
         missing = [seed for seed in seeds if seed not in known]

@@ -159,7 +159,7 @@ def configured(entry: Entry, config: Any, preset: str, num_envs: int, begin_with
 
 def _version_of(entry: Entry) -> dict[str, int]:
     """Return the version of an algorithm of the package by its name; empty for a plug-in, whose is in the context."""
-    return {} if plugin_named(entry.name) else {entry.name: versions.ALGORITHMS[entry.name]}
+    return {name: version for name, version in versions.ALGORITHMS.items() if name == entry.name}
 
 
 def made_by(entry: Entry) -> dict[str, Any]:

@@ -43,12 +43,7 @@ def collect_and_train(
     raises `EncoderInputError` for settings out of range, `EncoderFileError` for a folder of another training, and
     `WorldError` for an unknown level.
     """
-    if epochs < 1:
-        raise EncoderInputError(f"epochs must be at least 1, not {epochs}")
-    if seed < 0:
-        raise EncoderInputError(f"seed must be 0 or more, not {seed}")
-    if held_out < 0 or images < 2:
-        raise EncoderInputError(f"of {images + held_out} images, {held_out} can't be held out: at least 2 must be left")
+    _check_numbers(epochs, seed, images, held_out)
     if isinstance(level, Reach):
         level.check()
         name = level.name
@@ -92,6 +87,16 @@ def collect_and_train(
         source=source,
         identity=identity,
     )
+
+
+def _check_numbers(epochs: int, seed: int, images: int, held_out: int) -> None:
+    """Raise `EncoderInputError` for a number out of range."""
+    if epochs < 1:
+        raise EncoderInputError(f"epochs must be at least 1, not {epochs}")
+    if seed < 0:
+        raise EncoderInputError(f"seed must be 0 or more, not {seed}")
+    if held_out < 0 or images < 2:
+        raise EncoderInputError(f"of {images + held_out} images, {held_out} can't be held out: at least 2 must be left")
 
 
 def _identity(ground: str | Reach, seeds: Sequence[int], drawing: Drawing) -> dict[str, Any]:

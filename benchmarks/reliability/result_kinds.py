@@ -22,7 +22,7 @@ from thalweg.bench.results.reproduction import Table, compare_means, compare_to_
 from thalweg.bench.studies.encoder_study import CASES, read_measures
 from thalweg.bench.studies.encoder_tables import size_row
 from thalweg.encoder import EncoderFileError
-from thalweg.train.encoder.geometry import probe_table, read_probe
+from thalweg.train.encoder.probe_table import probe_table, read_probe
 from thalweg.train.encoder.views import TARGETS
 
 REPOSITORY = Path(__file__).resolve().parents[2]

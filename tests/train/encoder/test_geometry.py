@@ -23,7 +23,8 @@ from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, Camera, Renderer
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.encoder import geometry
-from thalweg.train.encoder.geometry import GeometryTraining, RiverLessons, geometry_config, half_mirrored, probe_table
+from thalweg.train.encoder.geometry import GeometryTraining, RiverLessons, geometry_config, half_mirrored
+from thalweg.train.encoder.probe_table import probe_table
 from thalweg.train.encoder.targets import targets_of
 from thalweg.train.encoder.views import STRIDE, TARGETS, draw_views, flight_views, start_views
 from thalweg.train.encoder_of_run import camera_of_encoder

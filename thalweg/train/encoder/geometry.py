@@ -5,7 +5,6 @@ never trained on, under all looks, along flights and at random starts. Where vie
 learnt from those of its own task, and codes are judged on each.
 """
 
-import csv
 import itertools
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -24,7 +23,7 @@ from thalweg.core.config import to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, EncoderInputError, load_encoder, sides
 from thalweg.encoder.checkpoint import DEVICE, check_folder, require_same_run
-from thalweg.encoder.files import FILE, EncoderFileError, load_model
+from thalweg.encoder.files import FILE, load_model
 from thalweg.encoder.geometry import GeometryConfig, Scale
 from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, Labelled, train_geometry, write_geometry
 from thalweg.encoder.linear_probe import probe_r_squared
@@ -38,6 +37,7 @@ from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.encoder.drawing import camera_as_data, size_of
+from thalweg.train.encoder.probe_table import probe_data, probe_table, read_probe
 from thalweg.train.encoder.targets import mirrored_targets, shown_of, targets_of, weights_of
 from thalweg.train.encoder.views import TARGETS, KnownViews, draw_views, flight_views, start_views
 from thalweg.train.encoder_of_run import check_size_fits
@@ -148,7 +148,7 @@ class GeometryTraining:
             for judged in held_out.values()
             for label, found in judged.r_squared(each, fitted).items()
         }
-        write_geometry(path, network, {**self._about, "r_squared": _as_data(scores, self.targets)})
+        write_geometry(path, network, {**self._about, "r_squared": probe_data(scores, self.targets)})
         write_atomic(table, probe_table(scores, self.targets))
         return GeometryResult(path, scores, self.targets, already_finished=False)
 
@@ -369,36 +369,3 @@ def half_mirrored(
     seen, known = frames.copy(), truths.copy()
     seen[chosen], known[chosen] = flipped(frames[chosen]), mirrored_targets(truths[chosen], targets)
     return Labelled(seen, known)
-
-
-def probe_table(scores: dict[tuple[str, str], np.ndarray], targets: Sequence[str] = TARGETS) -> str:
-    """Return R² of probes as CSV: a row per encoder and kind of views."""
-    lines = [",".join(("encoder", "views", *(name.replace(" ", "_") for name in targets)))]
-    for (name, kind), found in scores.items():
-        lines.append(",".join((name, kind, *("" if np.isnan(value) else f"{value:.4f}" for value in found))))
-    return "\n".join(lines) + "\n"
-
-
-def read_probe(path: Path, targets: Sequence[str] = TARGETS) -> dict[tuple[str, str], np.ndarray]:
-    """Return the R² [T] of probes by encoder and kind of views from the table that `probe_table` made.
-
-    Raises `EncoderFileError`, which names the file, for another table.
-    """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-        names = [name.replace(" ", "_") for name in targets]
-        return {(row["encoder"], row["views"]): np.array([float(row[name] or "nan") for name in names]) for row in rows}
-    except (KeyError, TypeError, ValueError) as error:
-        raise EncoderFileError(f"{path}: not the table of a training of geometry ({error!r})") from error
-
-
-def _as_data(scores: dict[tuple[str, str], np.ndarray], targets: Sequence[str]) -> dict[str, dict[str, float | None]]:
-    """Return R² of the geometry encoder as plain data, by kind of views and quantity."""
-    return {
-        kind: {
-            key: None if np.isnan(value) else round(float(value), 4) for key, value in zip(targets, found, strict=True)
-        }
-        for (name, kind), found in scores.items()
-        if name == "geometry"
-    }

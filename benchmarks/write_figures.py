@@ -149,7 +149,7 @@ def lenses() -> str:
     ]
     machine = wrap(
         "128 x 128 pixels, full quality, one thread, 16 random views of Medium, median and least of 15 turns, in which"
-        " the cameras took turns while other programs ran on the same cores. A processor of type"
+        " the cameras took turns on an otherwise idle machine. A processor of type"
         f" {rows[0]['cpu_type']}, with vectors of {rows[0]['vector_bits']} bits."
     )
     return f"{markdown(frame(header, lines))}\n{machine}"

@@ -4,7 +4,7 @@
     thalweg evaluate runs/student --levels easy medium hard --unseen --episodes 100 --out runs/student/evaluation.csv
     python benchmarks/package_flight.py runs/student
 
-The policy becomes thalweg/bench/execute/flight.safetensors; the rows of its evaluation become flight.csv beside this
+The policy becomes thalweg/bench/packaged/flight.safetensors; the rows of its evaluation become flight.csv beside this
 script.
 """
 
@@ -17,7 +17,7 @@ from pathlib import Path
 import yaml
 
 from thalweg.bench.evaluate.episodes import read_episodes
-from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.train import load_policy
 
 ROWS = Path(__file__).with_name("flight.csv")

@@ -18,7 +18,7 @@ from gymnasium.vector import AutoresetMode
 from page_sections import replace_section, wrap
 
 from thalweg.bench.csv_files import csv_text, read_csv
-from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core.atomic_io import write_atomic
 from thalweg.env import EnvConfig, RiverVectorEnv

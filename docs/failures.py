@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from thalweg.bench.evaluate.course import UNSEEN, Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import REASON_TEXT, Episode
 from thalweg.bench.evaluate.evaluation import Label, Step, evaluate, observation_function
-from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.bench.pictures.film import RiverMap
 from thalweg.core.atomic_io import atomic_path
 from thalweg.render.records.randomisation import Randomisation

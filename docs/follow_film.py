@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.core.atomic_io import atomic_path
 from thalweg.core.video import read_video, write_video
 from thalweg.deploy.follow import Follower, cut_to, follow

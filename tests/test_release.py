@@ -23,7 +23,7 @@ print(thalweg.__version__, thalweg.__file__)
 env = gymnasium.make("thalweg/Easy-v0")
 env.reset(seed=0)
 print(env.step(env.unwrapped.pilot_action())[0].shape)
-from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.encoder import load_encoder
 from thalweg.train import load_policy
 print(load_policy(PACKAGED_POLICY).about.context["observation"], load_encoder("geometry").about is not None)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.bench.suite.priced import LIMITS
 from thalweg.encoder import DEFAULT_PATH, PACKAGED, GeometryConfig
 from thalweg.env.task.ideal_eye import FEATURES

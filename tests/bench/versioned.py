@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.bench.evaluate.baselines import BASELINES
+from thalweg.bench.packaged import PACKAGED
 from thalweg.bench.results.run_versions import current_versions, some_critics_are_asymmetric, write_versions
-from thalweg.bench.suite.config import PACKAGED
 from thalweg.core.versions import ALGORITHMS
 
 

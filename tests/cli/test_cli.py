@@ -587,6 +587,23 @@ def test_a_policy_is_trained_on_a_real_river(
     assert f"Evaluate it: thalweg evaluate {tmp_path / 'run'} {advised}\n" in capsys.readouterr().out
 
 
+def test_training_begins_with_a_policy_of_the_package_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from thalweg.bench.packaged import PACKAGED_POLICY
+    from thalweg.train import river
+    from thalweg.train.run_in_folder import RunResult
+
+    begun = []
+
+    def run(*_: Any, **given: Any) -> RunResult:
+        begun.append(given["begin_with"])
+        return RunResult(given["folder"], "PPO", 5, 1, 0.0, 0.0, 0.0, 1.0, None, False, ())
+
+    monkeypatch.setattr(river, "run", run)
+    given = ["train", "--level", "easy", "--num-envs", "2", "--observation", "rgb+mask", "--set", "policy=cnn"]
+    assert main([*given, "--begin-with", "packaged", "--out", str(tmp_path / "run")]) == 0
+    assert begun == [PACKAGED_POLICY]
+
+
 @pytest.mark.slow
 def test_a_policy_of_images_is_trained_and_evaluated_without_an_encoder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture

@@ -15,7 +15,7 @@ from tests.deploy import policies
 from thalweg.algos.policy.actions import Adapter, Kind
 from thalweg.algos.policy.policy import Policy
 from thalweg.bench.evaluate.baselines import BASELINES
-from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.deploy import export
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.export import export_policy

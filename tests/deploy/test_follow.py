@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.deploy import policies
-from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.cli.main import main
 from thalweg.core.video import VideoError, open_video, read_video, write_video
 from thalweg.deploy.errors import ExportError

@@ -30,7 +30,7 @@ from thalweg.algos.policy.actions import actions_of
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label, evaluate
-from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.core import versions
 from thalweg.core.cache import file_hash
 from thalweg.core.compute.torch_threads import torch_threads

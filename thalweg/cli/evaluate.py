@@ -27,7 +27,8 @@ class Evaluate(Command):
     """Evaluate a policy from the fixed list of starts of each river."""
 
     policy: Positional[str]
-    """A run's folder, a policy file, a function (fly.py:fly), `packaged`, random, hover, forward, pilot or steady."""
+    """A run's folder, a policy file, a function (fly.py:fly), `packaged`, random, hover, forward, pilot
+    or steady."""
     levels: tuple[str, ...] = ()
     """Levels to fly on; by default Easy, Medium and Hard, for the boat Easy, Medium-Deep and Hard-Deep."""
     river: River = NO_FILE
@@ -55,7 +56,7 @@ class Evaluate(Command):
     randomise: bool = False
     """Vary the appearance of each start, the same for all policies; the names of results say so."""
     sample: bool = False
-    """Sample actions, also of policies that always take the most probable one, such as the packaged policy."""
+    """Sample actions, also of policies that always take the most probable one, such as packaged ones."""
     unseen: bool = False
     """Fly on unseen rivers of the levels, on which nothing is trained: one start on each, one river per episode."""
     shield: bool = False
@@ -176,12 +177,13 @@ def _name_of(policy: "Policy | RecurrentPolicy", command: Evaluate) -> str:
     """Return the name of a policy in rows and tables, with what is unusual about its flights in brackets."""
     from thalweg.bench.evaluate.baselines import BASELINES
     from thalweg.bench.evaluate.functions import FunctionPolicy
-    from thalweg.bench.suite.config import PACKAGED
+    from thalweg.bench.packaged import PACKAGED_POLICIES
 
     if isinstance(policy, FunctionPolicy):
         name = policy.name
     else:
-        name = command.policy if command.policy in (*BASELINES, PACKAGED) else Path(command.policy).resolve().name
+        named = command.policy in (*BASELINES, *PACKAGED_POLICIES)
+        name = command.policy if named else Path(command.policy).resolve().name
     unusual = {
         "sampled": command.sample,
         "shield": command.shield,
@@ -218,24 +220,23 @@ def _encoder_for(policy: "Policy | RecurrentPolicy", command: Evaluate, rules: "
 
 
 def load_named_policy(name: str, vehicle: str = "uav") -> "Policy | RecurrentPolicy":
-    """Return a baseline, the packaged policy, a function, or the policy of a run's folder or a file.
+    """Return a baseline, a packaged policy, a function, or the policy of a run's folder or a file.
 
     Raises `ResultsError` for a name of none of these, and the errors of the one that it is.
     """
     from thalweg.bench.csv_files import ResultsError
     from thalweg.bench.evaluate.baselines import BASELINES
     from thalweg.bench.evaluate.functions import FunctionPolicy, is_reference
-    from thalweg.bench.execute.backend import PACKAGED_POLICY
-    from thalweg.bench.suite.config import PACKAGED
+    from thalweg.bench.packaged import PACKAGED_POLICIES, policy_path
     from thalweg.train import load_policy
 
     if name in BASELINES:
         return BASELINES[name]
     if is_reference(name):
         return FunctionPolicy.load(name, vehicle=vehicle)
-    path = PACKAGED_POLICY if name == PACKAGED else Path(name)
+    path = policy_path(name)
     if not path.exists():
-        known = (PACKAGED, *BASELINES)
+        known = (*PACKAGED_POLICIES, *BASELINES)
         raise ResultsError(
             f"no policy at {path}{did_you_mean(name, known)}; give a run's folder, a policy file, a function such as"
             f" fly.py:fly, or one of: {', '.join(known)}"

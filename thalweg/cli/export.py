@@ -23,8 +23,7 @@ class Export(Command):
     plugin: Plugins = ()
 
     def run(self) -> int:
-        from thalweg.bench.execute.backend import PACKAGED_POLICY
-        from thalweg.bench.suite.config import PACKAGED
+        from thalweg.bench.packaged import policy_path
         from thalweg.cli.evaluate import load_named_policy
         from thalweg.deploy.export import export_policy
         from thalweg.train.river import load_compatible_encoder
@@ -33,7 +32,7 @@ class Export(Command):
         check_file("--out", self.out, ".onnx")
         policy = load_named_policy(self.policy)
         encoder = None if self.encoder is None else load_compatible_encoder(self.encoder)
-        path = PACKAGED_POLICY if self.policy == PACKAGED else Path(self.policy)
+        path = policy_path(self.policy)
         source = policy_file(path) if path.exists() else None
         about = export_policy(policy, self.out, encoder=encoder, source=source, name=policy_name(self.policy))
         camera = about["camera"]

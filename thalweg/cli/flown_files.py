@@ -32,8 +32,7 @@ def _hash_of(flight: str) -> str | None:
     """Return the hash of a policy, a function or a saved flight; None for a pilot."""
     from thalweg.bench.evaluate.baselines import BASELINES
     from thalweg.bench.evaluate.functions import FunctionPolicy, is_reference
-    from thalweg.bench.execute.backend import PACKAGED_POLICY
-    from thalweg.bench.suite.config import PACKAGED
+    from thalweg.bench.packaged import policy_path
     from thalweg.train.run_in_folder import policy_file
     from thalweg.viewer.flight.flyers import PILOTS
 
@@ -43,4 +42,4 @@ def _hash_of(flight: str) -> str | None:
         return file_hash(Path(flight))
     if is_reference(flight):
         return FunctionPolicy.load(flight).source
-    return file_hash(policy_file(PACKAGED_POLICY if flight == PACKAGED else flight))
+    return file_hash(policy_file(policy_path(flight)))

@@ -23,7 +23,7 @@ class Fly(ChosenFlight):
     than that of the options."""
 
     policies: Positional[tuple[str, ...]] = ()
-    """Runs' folders or policy files to watch, beside the pilots and the packaged policy; the first one flies first."""
+    """Runs' folders or policy files to watch, beside the pilots and packaged policies; the first one flies first."""
     size: int = 384
     """Height and width of a frame in pixels."""
     out: Path = Path("flights")
@@ -75,7 +75,7 @@ class Fly(ChosenFlight):
 
     def _loaders(self) -> dict[str, Callable[[], Any]]:
         """Return functions that load policies, by name; those that were named are loaded now, so that errors show."""
-        from thalweg.bench.suite.config import PACKAGED
+        from thalweg.bench.packaged import PACKAGED_POLICIES
         from thalweg.cli.evaluate import load_named_policy
         from thalweg.viewer.flight.flyers import HAND, PILOTS, REPLAY
 
@@ -83,9 +83,10 @@ class Fly(ChosenFlight):
         for given in (name for name in self.policies if name not in PILOTS):  # these are there anyway
             load = cache(partial(load_named_policy, given, self.vehicle))
             load()
-            others = (HAND, REPLAY, *PILOTS, *([] if given == PACKAGED else [PACKAGED]))
+            others = (HAND, REPLAY, *PILOTS, *(name for name in PACKAGED_POLICIES if name != given))
             loaders[free_name(given, (*loaders, *others))] = load
-        return {**loaders, PACKAGED: loaders.get(PACKAGED) or cache(partial(load_named_policy, PACKAGED))}
+        absent = (name for name in PACKAGED_POLICIES if name not in loaders)
+        return loaders | {name: cache(partial(load_named_policy, name)) for name in absent}
 
     def _announce(self, address: str) -> None:
         """Print the address, and open it if that was asked for."""

@@ -65,7 +65,7 @@ class Train(Command):
     threads: int | None = None
     """Threads for acting and learning; by default, within OMP_NUM_THREADS, 2 for wide networks and 1 for others."""
     begin_with: Path | None = None
-    """Run folder or policy file whose policy the run starts from, such as one trained by PPO or on an easier river."""
+    """Run folder or policy file of the policy that the run starts from, or `packaged`."""
     device: str = "cpu"
     """Where to train: cpu, cuda, cuda:1, or auto, which uses a GPU if one works."""
     graphs: bool = False
@@ -79,6 +79,7 @@ class Train(Command):
 
     def run(self) -> int:
         from thalweg.algos.registry import algorithm_named
+        from thalweg.bench.packaged import policy_path
         from thalweg.env import EnvConfig
         from thalweg.train.river import RiverTraining, load_compatible_encoder
 
@@ -116,7 +117,7 @@ class Train(Command):
             preset=self.preset,
             threads=self.threads,
             device=self.device,
-            begin_with=self.begin_with,
+            begin_with=None if self.begin_with is None else policy_path(str(self.begin_with)),
             graphs=self.graphs,
         )
         plugins = [word for file in self.plugin for word in ("--plugin", str(file))]

@@ -20,7 +20,8 @@ from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import Condition, Trial
 from thalweg.bench.evaluate.course import Course
 from thalweg.bench.execute import backend
-from thalweg.bench.execute.backend import PACKAGED_POLICY, RiverBackend
+from thalweg.bench.execute.backend import RiverBackend
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.bench.pictures import film
 from thalweg.bench.pictures.film_format import SMALL
 from thalweg.bench.suite.arms import Arm, Run, Stage

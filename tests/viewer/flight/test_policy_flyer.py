@@ -8,7 +8,7 @@ import torch
 import thalweg  # noqa: F401  # registers the environments
 from tests.viewer.flight.conftest import Fly
 from thalweg.bench.evaluate.baselines import BASELINES
-from thalweg.bench.execute.backend import PACKAGED_POLICY
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
 from thalweg.viewer.flight.policy_flyer import PolicyFlyer

@@ -15,6 +15,7 @@ from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Label, Observe, Step, evaluate, observation_function
 from thalweg.bench.evaluate.shielded import FlightShield, check_masks
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.bench.pictures.film_format import FilmFormat
 from thalweg.bench.suite.arms import Arm, Run, Stage
 from thalweg.bench.suite.config import Suite
@@ -25,8 +26,6 @@ from thalweg.train import load_policy
 from thalweg.train.observations import FRAMES, camera_of, check_policy_fits, observation_of
 from thalweg.train.river import RiverTraining, load_compatible_encoder
 
-PACKAGED_POLICY = Path(__file__).with_name("flight.safetensors")
-"""The policy that comes with the package."""
 STAGES = ".before"
 """Folder within a run's folder that holds the runs of earlier stages."""
 

@@ -21,7 +21,8 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import read_episodes, write_episodes
 from thalweg.bench.evaluate.progress import complete, progress_bar, track_episodes
-from thalweg.bench.execute.backend import PACKAGED_POLICY, Backend
+from thalweg.bench.execute.backend import Backend
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.bench.results.results import RunRow, evaluation_path
 from thalweg.bench.suite.arms import Run
 from thalweg.bench.suite.config import Suite

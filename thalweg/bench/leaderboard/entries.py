@@ -8,11 +8,11 @@ from typing import Any
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.leaderboard.policy_entry import PolicyEntry, arm_fields, versions_of
 from thalweg.bench.leaderboard.requirements import LEVEL, UNSEEN, Flights, counted, missing_flights, missing_starts
+from thalweg.bench.packaged import PACKAGED, PACKAGED_SEES
 from thalweg.bench.report.policies import limit_met, training_regret
 from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
-from thalweg.bench.suite.config import PACKAGED, PACKAGED_SEES
 from thalweg.bench.suite.record import arms_of, task_of
 from thalweg.env.tasks import PAPER_TASK
 from thalweg.world import LEVELS

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from thalweg.bench.packaged import PACKAGED
 from thalweg.bench.report.policies import COST_LIMIT, limit_met, train_level, trained_policies
 from thalweg.bench.report.price_tables import limit_of
 from thalweg.bench.results.inference import CONFIDENCE, MIN_SEEDS, Estimate, mean_estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.config import PACKAGED
 from thalweg.bench.suite.record import task_of
 from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
 from thalweg.env.tasks import PAPER_TASK

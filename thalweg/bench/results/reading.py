@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 from thalweg.algos.registry import version_of
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import Episode, read_episodes
+from thalweg.bench.packaged import PACKAGED
 from thalweg.bench.results.curve import read_training, training_file
 from thalweg.bench.results.outdated import FOLDER as OUTDATED
 from thalweg.bench.results.results import (
@@ -33,7 +34,6 @@ from thalweg.bench.results.run_versions import (
     version_label,
 )
 from thalweg.bench.results.statistics import TrainingLog
-from thalweg.bench.suite.config import PACKAGED
 from thalweg.bench.suite.record import (
     arms_of,
     encoder_of,

@@ -23,9 +23,9 @@ from thalweg.algos.registry import version_of
 from thalweg.bench.csv_files import ResultsError, csv_text, finite, read_csv
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import ALL_REASONS, FIRST_COST, REASONS, Episode
+from thalweg.bench.packaged import PACKAGED
 from thalweg.bench.results.run_versions import Sources, Versions, some_critics_are_asymmetric
 from thalweg.bench.results.statistics import TrainingLog
-from thalweg.bench.suite.config import PACKAGED
 from thalweg.bench.suite.record import arms_of, observation_of, stages_of
 from thalweg.core.atomic_io import write_atomic
 from thalweg.train.observations import PRIVILEGED, SEEN_BY_CRITICS

@@ -14,8 +14,9 @@ from thalweg.algos.onpolicy.config import OnPolicyConfig
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import CONDITIONS, Condition
+from thalweg.bench.packaged import PACKAGED, PACKAGED_SEES
 from thalweg.bench.suite.arms import Arm, Stage
-from thalweg.bench.suite.config import PACKAGED, PACKAGED_SEES, Suite
+from thalweg.bench.suite.config import Suite
 from thalweg.bench.suite.priced import PRICED_SUITES, TRAINED_ON
 from thalweg.core.config import parse_config
 from thalweg.core.suggestion import did_you_mean

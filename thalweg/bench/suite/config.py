@@ -14,6 +14,7 @@ from thalweg.algos.registry import algorithm_named, algorithm_names
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, SHIELDED, Condition, Trial
+from thalweg.bench.packaged import PACKAGED, PACKAGED_SEES
 from thalweg.bench.suite.arms import (
     Arm,
     Count,
@@ -40,11 +41,6 @@ from thalweg.train.errors import TrainingError
 from thalweg.train.observations import FRAMES, IMAGES, PRIVILEGED
 from thalweg.train.run import check_warmup, sees_images
 from thalweg.world import LEVELS
-
-PACKAGED = "packaged"
-"""Name of the policy that comes with the package, as an algorithm of a result."""
-PACKAGED_SEES = "rgb+mask"
-"""What that policy sees, see `thalweg.train.observations`."""
 
 
 def _film(value: Any) -> Any:

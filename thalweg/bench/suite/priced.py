@@ -8,8 +8,9 @@ from typing import Any
 from thalweg.algos.onpolicy.config import OnPolicyConfig
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.evaluate.conditions import CONDITIONS
+from thalweg.bench.packaged import PACKAGED, PACKAGED_SEES
 from thalweg.bench.suite.arms import Arm
-from thalweg.bench.suite.config import PACKAGED, PACKAGED_SEES, Suite
+from thalweg.bench.suite.config import Suite
 from thalweg.env.tasks import TaskName
 
 LIMITS: Mapping[TaskName, tuple[float, float, float]] = {

@@ -77,6 +77,16 @@ def test_every_page_of_the_docs_is_in_one_table_of_contents(tmp_path: Path):
     assert [page for page in docs if (page.removesuffix(".md") not in listed) != (f"\n/{page[:-3]}\n" in guides)] == []
 
 
+def test_every_module_that_a_page_imports_from_is_in_the_reference():
+    directive = re.compile(r"^\.\. automodule:: (\S+)$", re.MULTILINE)
+    named = {
+        name for path in (SITE / "pages" / "reference").glob("*.md") for name in directive.findall(path.read_text())
+    }
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").rglob("*.py")]
+    imported = re.compile(r"^ *from (thalweg[\w.]*) import ", re.MULTILINE)
+    assert {name for path in pages for name in imported.findall(path.read_text())} - named == set()
+
+
 def test_every_command_is_on_the_page_of_commands_with_all_its_options():
     sections = commands_page.commands_page().split("\n## thalweg ")[1:]
     kinds = {**COMMANDS, **{f"encoder {name}": kind for name, kind in ENCODER_COMMANDS.items()}}

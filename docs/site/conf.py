@@ -2,7 +2,9 @@
 
 import os
 import re
+import sys
 from dataclasses import is_dataclass
+from types import ModuleType
 
 from docutils import nodes
 from sphinx import addnodes
@@ -31,6 +33,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_default_options = {"members": True, "imported-members": True}
 autodoc_preserve_defaults = True
+autodoc_mock_imports = ["pufferlib", "stable_baselines3"]  # adapters import what is not installed here
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 100
 toc_object_entries_show_parents = "hide"
@@ -56,6 +59,17 @@ html_theme_options = {
     "pygments_light_style": "a11y-high-contrast-light",
     "pygments_dark_style": "a11y-high-contrast-dark",
 }
+
+
+def stand_in(name, **members):
+    """Let a module be imported that is not installed here, with the members that a module of the package needs."""
+    sys.modules[name] = module = ModuleType(name)
+    vars(module).update(members)
+
+
+stand_in("omnisafe")  # the mock of autodoc takes the place of the class that its decorator registers
+stand_in("omnisafe.envs")
+stand_in("omnisafe.envs.core", CMDP=object, env_register=lambda env: env, support_envs=list)
 
 
 def shorten_signature(app, what, name, obj, options, signature, return_annotation):

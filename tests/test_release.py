@@ -76,6 +76,41 @@ def test_the_wheel_of_the_sdist_flies_outside_the_repository(released: tuple[Pat
     assert (shape, loaded) == ("(128, 128, 4)", "rgb+mask True")
 
 
+def installed(environment: Path, wheel: Path, extras: str = "") -> Path:
+    """Install a wheel, with the versions of requirements.lock for what it needs; returns the folder of commands."""
+    commands = environment / "bin"
+    if not environment.exists():
+        subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
+    lock = ["--constraint", str(ROOT / "requirements.lock")]
+    command = [str(commands / "python"), "-m", "pip", "install", "--quiet", *lock, f"{wheel}{extras}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return commands
+
+
+@pytest.mark.slow
+def test_the_wheel_flies_in_a_new_environment_without_and_with_its_extras(released: tuple[Path, Path], tmp_path: Path):
+    def run(*command: str) -> subprocess.CompletedProcess[str]:
+        place = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+        return subprocess.run(command, cwd=tmp_path, env=place, capture_output=True, text=True, check=False)
+
+    commands = installed(tmp_path / "new", released[1])
+    python, thalweg = str(commands / "python"), str(commands / "thalweg")
+    flown = run(python, "-c", FLY)
+    assert flown.stdout.splitlines()[1:] == ["(128, 128, 4)"], flown.stderr
+    assert "No module named 'torch'" in flown.stderr  # an environment needs none
+    refused = run(thalweg, "evaluate", "packaged")
+    assert refused.returncode == 2 and "tyro is not installed: install the extra [all]" in refused.stderr
+    installed(tmp_path / "new", released[1], "[all]")
+    flown = run(python, "-c", FLY)
+    assert flown.stdout.splitlines()[1:] == ["(128, 128, 4)", "rgb+mask True"], flown.stderr
+    for given in (["evaluate", "packaged", "--levels", "easy", "--episodes", "1"], ["export"], ["world", "--help"]):
+        done = run(thalweg, *given)
+        assert done.returncode == 0, done.stderr
+    recorded = run(thalweg, "record", "packaged", "--episodes", "1", "--steps", "2", "--video", "--out", "recorded")
+    assert recorded.returncode == 0, recorded.stderr
+
+
 @pytest.mark.slow
 def test_the_wheel_has_the_extras_types_and_the_readme_of_an_index(released: tuple[Path, Path]):
     with zipfile.ZipFile(released[1]) as wheel:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from thalweg.env.shield.sight import Optics
 from thalweg.render import Camera
 
 Water = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -51,3 +52,9 @@ def rays_of(camera: Camera, pose: np.ndarray) -> np.ndarray:
 def straight(half_width: float) -> Water:
     """Water along x, around y = 0."""
     return lambda x, y: np.abs(y) < half_width
+
+
+def optics_of(camera: Camera) -> Optics:
+    """Return what the shield takes a camera to be."""
+    half_w = camera.half_height * camera.width_px / camera.height_px
+    return Optics(*(np.array([value]) for value in (np.radians(camera.pitch_deg), half_w, camera.half_height)))

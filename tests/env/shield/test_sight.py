@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from tests.env.shield.channel import Channel, rays_of, straight
+from tests.env.shield.channel import Channel, optics_of, rays_of, straight
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.initial_poses import project_anywhere
 from thalweg.env.shield.shield import Shield
 from thalweg.env.shield.sight import (
     COARSEST_M,
-    Optics,
     camera_at,
     ground_of,
     look,
@@ -27,11 +26,6 @@ from thalweg.render.records.view import FrameSettings
 from thalweg.world import load_or_build
 
 TALL = Camera(96, 128, fov_deg=50.0, pitch_deg=35.0)
-
-
-def optics_of(camera: Camera) -> Optics:
-    half_w = camera.half_height * camera.width_px / camera.height_px
-    return Optics(*(np.array([value]) for value in (np.radians(camera.pitch_deg), half_w, camera.half_height)))
 
 
 def see(maps: WaterMaps, channel: Channel, pose: np.ndarray) -> None:

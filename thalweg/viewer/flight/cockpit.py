@@ -6,13 +6,16 @@ from typing import Any
 
 from thalweg.core.suggestion import did_you_mean
 from thalweg.env import RiverVectorEnv
+from thalweg.render import Camera
 from thalweg.viewer.errors import ViewerError
 from thalweg.viewer.flight.course_map import map_of
+from thalweg.viewer.flight.eye import Eye
 from thalweg.viewer.flight.flight import Flight, env_of
 from thalweg.viewer.flight.flyers import HAND, PILOTS, Flyer, Hand, Pilot, Replay, action_of
 from thalweg.viewer.flight.options import FlightOptions
 from thalweg.viewer.flight.pictures import PictureKind, pictures, seen_by
 from thalweg.viewer.flight.recording import Folder, Recording
+from thalweg.viewer.flight.seen_water import SeenWater, refusal
 from thalweg.world import World
 
 Policies = Mapping[str, Callable[[], Any]]
@@ -35,6 +38,8 @@ class Cockpit:
         self.flight: Flight | None = None
         self._flyer: Flyer | None = None
         self._eye: Any = None
+        self._water: SeenWater | None = None
+        self._plain_eye: Eye | None = None
         self._saved_steps = 0
 
     def check_pilot(self, name: str) -> None:
@@ -46,7 +51,7 @@ class Cockpit:
     def start(self, world: World, options: FlightOptions) -> dict[str, Any]:
         """Begin a flight; returns what the page is told of it. Raises the errors of `env_of` and `Flight`."""
         self.flight = Flight(self._env(world, options), options)
-        self._saved_steps, self._flyer = 0, None
+        self._saved_steps, self._flyer, self._water = 0, None, None
         if self.pilot == Replay.name:
             self.pilot = HAND
         return {
@@ -96,7 +101,7 @@ class Cockpit:
             if action is None:
                 self.pilot, self._flyer = HAND, self.hand
                 return False
-            flight.step(action, self.pilot)
+            self._step(flight, action)
         if flight.ended and self.saves_all:
             self.save()
         return not flight.ended
@@ -107,7 +112,7 @@ class Cockpit:
         flight = self._flying()
         self.pilot, self._flyer = HAND, self.hand
         if not flight.ended:
-            flight.step(action_of(flight.env.config, units), HAND)
+            self._step(flight, action_of(flight.env.config, units))
             self.advance(0)
 
     def save(self) -> str:
@@ -121,16 +126,53 @@ class Cockpit:
     def frame(
         self, picture: PictureKind, share: float, *, mask: bool, seen: bool
     ) -> tuple[dict[str, Any], dict[str, bytes]]:
-        """Return the numbers of the flight, and its pictures by kind: the chosen one, the mask if wanted, and what the
-        policy saw last; `share` as in `Flight.views`. Raises `ViewerError` without a flight."""
+        """Return the numbers of the flight, and its pictures by kind: the chosen one, the mask if wanted, and if `seen`
+        what the policy saw last and the bird's-eye map; `share` as in `Flight.views`.
+
+        The map begins with the first frame that shows it, and is forgotten by one that does not. Raises `ViewerError`
+        without a flight.
+        """
         flight = self._flying()
         drawn = pictures(flight, dict.fromkeys((picture, "mask") if mask else (picture,)), share)
-        image = getattr(self._flyer, "seen", None)
-        if seen and image is not None:
-            drawn = {**drawn, "seen": seen_by(image, self._flyer.decoded())}  # pyright: ignore
         camera = flight.views(share).pose[0]
         about = {"camera": [round(float(value), 3) for value in camera], "flies": self.pilot, "saved": self.saved[-1:]}
+        if seen:
+            drawn = {**drawn, **self._seen(flight, camera)}
+            about["unmapped"] = refusal(self._eye_of(flight).camera)
+        else:
+            self._water = None
         return {**flight.status(), **about}, {**drawn}
+
+    def _seen(self, flight: Flight, camera: Any) -> dict[str, bytes]:
+        """Return pictures of what the policy saw last, and of the water that was seen around a pose [4]."""
+        image, drawn = getattr(self._flyer, "seen", None), {}
+        if image is not None:
+            drawn["seen"] = seen_by(image, self._flyer.decoded())  # pyright: ignore
+        if self._water is None:
+            self._water = SeenWater()
+            self._look(flight)
+        if not refusal(self._eye_of(flight).camera):
+            drawn["bird"] = self._water.picture(camera)
+        return drawn
+
+    def _step(self, flight: Flight, action: Any) -> None:
+        """Fly a step, and look at the water after it if its map is shown."""
+        flight.step(action, self.pilot)
+        self._look(flight)
+
+    def _look(self, flight: Flight) -> None:
+        """Enter what is seen now into the bird's-eye map, if there is one and the camera serves it."""
+        if self._water is not None and not refusal((eye := self._eye_of(flight)).camera):
+            self._water.look(flight, eye)
+
+    def _eye_of(self, flight: Flight) -> Eye:
+        """Return the eye of the policy that flies, or one by the usual camera."""
+        eye = getattr(self._flyer, "eye", None)
+        if eye is not None:
+            return eye
+        if self._plain_eye is None or not self._plain_eye.serves(flight, Camera()):
+            self._plain_eye = Eye(flight, Camera())
+        return self._plain_eye
 
     def _flying(self) -> Flight:
         if self.flight is None:

@@ -1,39 +1,19 @@
 """A policy that flies: it sees what it was trained on, whichever frames the page shows."""
 
-from dataclasses import replace
-
 import numpy as np
 import torch
 
 from thalweg.bench.evaluate.baselines import DRAWN, Policy, RecurrentPolicy, sight_of
 from thalweg.bench.evaluate.evaluation import player_of
 from thalweg.encoder import VAE, Encoder
-from thalweg.env.frame_renderer import FrameRenderer
 from thalweg.env.pilot.in_rivers import PILOTS
 from thalweg.env.spaces import CHANNELS, from_unit_actions
-from thalweg.render import Camera
 from thalweg.train.encoder_of_run import encoder_of
 from thalweg.train.errors import TrainingError
 from thalweg.train.observations import action_of, camera_of, check_policy_fits, feels, observation_of
 from thalweg.train.river import load_compatible_encoder
+from thalweg.viewer.flight.eye import Eye
 from thalweg.viewer.flight.flight import Flight
-
-
-class Eye:
-    """Draws frames for policies: of a flight's river and look, by the camera that a policy was trained with."""
-
-    def __init__(self, flight: Flight, camera: Camera) -> None:
-        self.camera = camera
-        self.env = flight.env
-        config = replace(flight.env.config, camera=camera, quality="full")
-        self._frames = FrameRenderer(flight.env.worlds, 1, config)
-
-    def see(self, flight: Flight, channels: int) -> np.ndarray:
-        """Return the frame [1, H, W, C] uint8 of the current state: the mask alone for one channel."""
-        views, props = flight.views(), flight.env.props()
-        if channels == 1:
-            return self._frames.render_masks(views, props)
-        return self._frames.render(views, props)[..., :channels]
 
 
 class PolicyFlyer:
@@ -58,8 +38,7 @@ class PolicyFlyer:
         self._feels = feels(policy)
         self._channels = self._channels_seen()
         camera = camera_of(policy, self._encoder)
-        serves = eye is not None and eye.env is flight.env and eye.camera == camera
-        self.eye = eye if eye is not None and serves else Eye(flight, camera)
+        self.eye = eye if eye is not None and eye.serves(flight, camera) else Eye(flight, camera)
         self._play = player_of(policy, torch.Generator().manual_seed(options.seed))
         self._fresh = True
         self.seen: np.ndarray | None = None

@@ -107,6 +107,10 @@ async function show(data) {
   if (!$("inset").hidden) await paint($("inset"), pictures.mask);
   $("seen").hidden = !pictures.seen;
   if (pictures.seen) await paint($("seen"), pictures.seen);
+  $("bird").hidden = $("bird-legend").hidden = !pictures.bird;
+  if (pictures.bird) await paint($("bird"), pictures.bird);
+  $("unmapped").hidden = !told.unmapped;
+  $("unmapped").textContent = told.unmapped ?? "";
   say("drawn", { frame: told.frame });
   if (!latest && !told.moving && !told.ended) notice("Ready: Space flies", "W forward, A D turn, ↑ ↓ climb and descend, Q E sideways");
   latest = told;

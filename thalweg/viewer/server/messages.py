@@ -73,7 +73,7 @@ class View:
     mask: bool = True
     """Whether to send the water mask beside the camera's picture."""
     seen: bool = False
-    """Whether to send what the policy sees."""
+    """Whether to send what the policy sees, and the bird's-eye map of the water that was seen."""
 
 
 @frozen_config(ViewerError)

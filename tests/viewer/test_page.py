@@ -1,24 +1,16 @@
 """The page to fly as a reader has it: in a browser, by keyboard and mouse, on a desk and on a phone."""
 
-import os
-import re
-import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.browser import Browser
+from tests.viewer.pages import STEP, TEXT, serving, wait_for
 from thalweg.viewer.flight.recording import Folder
 from thalweg.world import World
 
 pytestmark = pytest.mark.browser
-ROOT = Path(__file__).resolve().parent.parent.parent
-PATIENCE_S = 120.0
 
 
 @pytest.fixture(scope="module")
@@ -28,33 +20,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def address(folder: Path, easy_world: World) -> Iterator[str]:
-    """The address that `thalweg fly` prints; it is interrupted at the end, and must end well."""
-    options = ["--port", "0", "--level", "Easy", "--seed", "3", "--size", "64", "--out", str(folder)]
-    server = subprocess.Popen(
-        [sys.executable, "-m", "thalweg", "fly", *options],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )
-    assert server.stdout is not None
-    found = re.search(r"http://127\.0\.0\.1:\d+/\S+/", server.stdout.readline())
-    assert found
-    yield found[0]
-    server.send_signal(signal.SIGINT)
-    assert server.wait(30) == 0
-
-
-def wait_for(browser: Browser, script: str, holds: Callable[[Any], bool] = bool) -> Any:
-    """Return what a script returns as soon as that holds."""
-    deadline = time.monotonic() + PATIENCE_S
-    while not holds(value := browser.run(script)):
-        assert time.monotonic() < deadline, (script, value, browser.run("return document.body.innerText"))
-        time.sleep(0.05)
-    return value
-
-
-STEP = "return parseInt(document.getElementById('step').textContent || '-1')"
-TEXT = "return document.getElementById('{}').textContent"
+    """The address of a server."""
+    with serving(folder, "--level", "Easy", "--seed", "3", "--size", "64") as (address, _):
+        yield address
 
 
 @pytest.fixture

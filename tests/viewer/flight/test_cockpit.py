@@ -77,7 +77,7 @@ def test_all_flights_are_saved_at_their_end_if_asked_for(cockpit: Cockpit):
 
 def test_a_frame_has_the_pictures_that_were_asked_for(cockpit: Cockpit):
     told, drawn = cockpit.frame("depth", 1.0, mask=True, seen=True)
-    assert list(drawn) == ["depth", "mask"]
+    assert list(drawn) == ["depth", "mask", "bird"]  # the hand sees no image of its own
     assert (told["flies"], told["step"]) == ("hand", 0)
     assert list(cockpit.frame("mask", 1.0, mask=True, seen=False)[1]) == ["mask"]
 

@@ -6,6 +6,8 @@ import { Controls, inWords } from "./controls.js";
 const $ = (id) => document.getElementById(id);
 const map = new RiverMap($("map")), chart = new Chart($("chart")), form = $("options");
 const RATE_FRAMES = 30, NUMBERS_MS = 80;
+const TRIES = 5, TRY_MS = 1200; // to connect again
+const REFUSED = [1008, 1013], STOPPED = 1012; // codes of the server, see guard.py, app.py and uvicorn
 const decoder = new TextDecoder();
 
 let socket = null;
@@ -17,6 +19,9 @@ let lastPilot = "pilot"; // to whom P hands back
 let stepping = false; // whether a step by a key is on its way
 let shownAt = [];
 let drawnAt = 0; // when map, chart and numbers were drawn last
+let tries = 0; // since the connection broke
+let lost = null; // options of the flight that was lost with it
+let complaint = ""; // of the next flight
 
 const say = (type, about = {}) => {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ type, ...about }));
@@ -28,16 +33,33 @@ function connect() {
   socket = new WebSocket(address);
   socket.binaryType = "arraybuffer";
   socket.onmessage = ({ data }) => (typeof data === "string" ? hear(JSON.parse(data)) : show(data));
-  socket.onclose = ({ reason }) => {
-    $("where").textContent = "not connected";
-    notice("The connection is closed", reason || "The server has stopped. Start it again and open its new address.");
-    for (const control of document.querySelectorAll("button, select, input")) control.disabled = true;
-  };
+  socket.onclose = closed;
+}
+
+/** Say why a connection ended. One that broke is tried again a few times: the server may still be there. */
+function closed({ code, reason }) {
+  $("where").textContent = "not connected";
+  enable(false);
+  lost = flight?.options ?? lost;
+  if (REFUSED.includes(code)) return notice("The connection is closed", reason);
+  if (code === STOPPED) return notice("The server has stopped", "Start it again and open its new address.");
+  if (tries === TRIES) {
+    return notice("The server cannot be reached", "It has stopped, or the way to it is broken. Reload this page to try again.");
+  }
+  tries += 1;
+  notice("The connection is broken", `Trying again, ${tries} of ${TRIES}. What was not saved of the flight is lost.`);
+  setTimeout(connect, TRY_MS);
+}
+
+function enable(on) {
+  for (const control of document.querySelectorAll("button, select, input")) control.disabled = !on;
 }
 
 const HEARD = {
   hello(told) {
     choices = told;
+    if (tries) enable(true);
+    tries = 0;
     fill($("pilot"), told.pilots);
     fill($("picture"), told.pictures);
     fill(form.elements.task, Object.keys(told.tasks));
@@ -46,12 +68,14 @@ const HEARD = {
   },
   busy: ({ message }) => notice(`${message} …`, ""),
   started(told) {
+    if (lost) return again();
     flight = told;
     latest = null;
     map.begin(told.map);
     chart.begin();
     setForm(told.options);
-    complain("");
+    complain(complaint);
+    complaint = "";
     const { level, world_seed: seed, task } = told.options;
     $("where").textContent = `${level}, river ${seed}, ${told.map.length_m} m, task ${task}, start ${told.options.seed}`;
     [$("height").min, $("height").max] = told.heights;
@@ -88,6 +112,13 @@ const HEARD = {
     notice();
   },
 };
+
+/** Begin the flight anew that was lost with its connection. */
+function again() {
+  complaint = "The connection was broken, and the flight was lost. It begins again here.";
+  say("start", { options: lost });
+  lost = null;
+}
 
 const hear = (told) => HEARD[told.type]?.(told);
 

@@ -76,7 +76,6 @@ def make_app(shared: Shared, token: str, hosts: Iterable[str] = LOOPBACK) -> Gua
         name: (files("thalweg.viewer").joinpath("page", file).read_bytes(), kind)
         for name, (file, kind) in FILES.items()
     }
-    tabs: set[Tab] = set()
 
     async def page(request: Request) -> Response:
         content = contents.get(request.path_params["name"])
@@ -86,17 +85,17 @@ def make_app(shared: Shared, token: str, hosts: Iterable[str] = LOOPBACK) -> Gua
 
     async def serve_tab(socket: WebSocket) -> None:
         await socket.accept()
-        if len(tabs) >= MOST_TABS:
+        if len(shared.tabs) >= MOST_TABS:
             await socket.close(TRY_LATER, f"{MOST_TABS} tabs are open: close one")
             return
         tab = Tab(shared, socket)
-        tabs.add(tab)
+        shared.tabs.add(tab)
         try:
             await tab.run()
         except WebSocketDisconnect:
             pass
         finally:
-            tabs.discard(tab)
+            shared.tabs.discard(tab)
 
     routes = [WebSocketRoute("/{token}/socket", serve_tab), Route("/{token}/{name:path}", page)]
     return Guard(Starlette(routes=routes), token, hosts)
@@ -127,9 +126,8 @@ def bind(port: int | None, host: str = LOOPBACK[0]) -> socket.socket:
     raise AssertionError("one of the tries returns or raises")
 
 
-def serve(app: Guard, bound: socket.socket, on_start: Callable[[], None]) -> None:
-    """Serve until interrupted, then close all tabs; raises `KeyboardInterrupt` after that. `on_start` is called when
-    browsers can connect."""
+def make_server(app: Guard) -> uvicorn.Server:
+    """Return what serves an app; it closes all tabs when it is told to exit."""
     config = uvicorn.Config(
         app,
         log_level="warning",
@@ -141,7 +139,13 @@ def serve(app: Guard, bound: socket.socket, on_start: Callable[[], None]) -> Non
         lifespan="off",
         server_header=False,
     )
-    server = uvicorn.Server(config)
+    return uvicorn.Server(config)
+
+
+def serve(app: Guard, bound: socket.socket, on_start: Callable[[], None]) -> None:
+    """Serve until interrupted, then close all tabs; raises `KeyboardInterrupt` after that. `on_start` is called when
+    browsers can connect."""
+    server = make_server(app)
     bound.listen()
     on_start()
     server.run(sockets=[bound])

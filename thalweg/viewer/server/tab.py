@@ -13,7 +13,7 @@ import traceback
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -54,6 +54,8 @@ class Shared:
     """One thread for steps and frames."""
     building: ThreadPoolExecutor
     """One thread for rivers, which take seconds."""
+    tabs: set["Tab"] = field(default_factory=set)
+    """Tabs that are open."""
 
 
 class Tab:

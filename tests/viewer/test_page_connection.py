@@ -1,0 +1,63 @@
+"""What the page says and does when its connection ends: broken, out of reach, refused, or stopped with the server."""
+
+import signal
+import subprocess
+from collections.abc import Iterator
+
+import pytest
+
+from tests.browser import Browser
+from tests.viewer.pages import STEP, TEXT, Relay, serving, start, wait_for
+from thalweg.world import World
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory, easy_world: World) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """The address of a server, and its process."""
+    with serving(tmp_path_factory.mktemp("page"), "--level", "Easy", "--seed", "3", "--size", "64") as served:
+        yield served
+
+
+@pytest.fixture
+def relay(served: tuple[str, subprocess.Popen[str]], browser: Browser) -> Iterator[Relay]:
+    """A way to the server that can be cut, with the page at its other end."""
+    port = int(served[0].split(":")[2].split("/")[0])
+    relay = Relay(port)
+    browser.open(served[0].replace(f":{port}/", f":{relay.port}/"))
+    wait_for(browser, STEP, lambda step: step == 0)
+    yield relay
+    relay.close()
+
+
+def test_a_connection_that_broke_is_made_again_with_the_same_options(browser: Browser, relay: Relay):
+    start(browser, seed="5", look="autumn")
+    wait_for(browser, TEXT.format("where"), lambda text: text.endswith("start 5"))
+    wait_for(browser, STEP, lambda step: step == 0)
+    browser.press("w", on=browser.driver.find_element("tag name", "body"))
+    wait_for(browser, STEP, lambda step: step == 1)
+    relay.cut()
+    wait_for(browser, TEXT.format("error"), lambda text: "The connection was broken, and the flight was lost" in text)
+    wait_for(browser, STEP, lambda step: step == 0)
+    assert browser.run(TEXT.format("where")).endswith("start 5")
+    assert browser.run("return document.forms.options.look.value") == "autumn"
+    browser.press("w", on=browser.driver.find_element("tag name", "body"))
+    wait_for(browser, STEP, lambda step: step == 1)
+
+
+def test_a_server_that_cannot_be_reached_is_not_said_to_have_stopped(browser: Browser, relay: Relay):
+    relay.close()
+    wait_for(browser, TEXT.format("notice"), lambda text: "The connection is broken" in text and "1 of 5" in text)
+    assert browser.run("return document.getElementById('go').disabled")
+    told = wait_for(browser, TEXT.format("notice"), lambda text: "cannot be reached" in text)
+    assert told.endswith("It has stopped, or the way to it is broken. Reload this page to try again.")
+
+
+def test_a_server_that_stops_says_so(browser: Browser, served: tuple[str, subprocess.Popen[str]]):
+    browser.open(served[0])
+    wait_for(browser, STEP, lambda step: step == 0)
+    served[1].send_signal(signal.SIGINT)
+    told = wait_for(browser, TEXT.format("notice"), lambda text: "The server has stopped" in text)
+    assert told.endswith("Start it again and open its new address.")
+    assert served[1].wait(30) == 0

@@ -17,6 +17,7 @@ from thalweg.viewer.flight.cockpit import Cockpit
 from thalweg.viewer.flight.options import FlightOptions
 from thalweg.viewer.flight.recording import Folder
 from thalweg.viewer.server.app import THREADS, bind, make_app, make_server, make_shared
+from thalweg.viewer.server.tab import Tab
 from thalweg.world import World
 
 PATIENCE_S = 60.0
@@ -107,6 +108,23 @@ def server(tmp_path: Path, easy_world: World) -> Iterator[Running]:
     wait_until(lambda: not [each for each in set(threading.enumerate()) - before if each.name.startswith(THREADS)])
 
 
+@pytest.fixture
+def loops(monkeypatch: pytest.MonkeyPatch) -> set[Tab]:
+    """Tabs whose loops have not ended."""
+    running: set[Tab] = set()
+    loop = Tab._loop
+
+    async def counted(tab: Tab) -> None:
+        running.add(tab)
+        try:
+            await loop(tab)
+        finally:
+            running.discard(tab)
+
+    monkeypatch.setattr(Tab, "_loop", counted)
+    return running
+
+
 @pytest.mark.parametrize(
     ("owner", "work", "asked"),
     [
@@ -118,7 +136,12 @@ def server(tmp_path: Path, easy_world: World) -> Iterator[Running]:
     ids=["draws", "flies", "starts", "saves"],
 )
 def test_a_connection_that_breaks_while_the_server_works_harms_no_other_tab(
-    server: Running, monkeypatch: pytest.MonkeyPatch, owner: type, work: str, asked: dict[str, Any]
+    server: Running,
+    loops: set[Tab],
+    monkeypatch: pytest.MonkeyPatch,
+    owner: type,
+    work: str,
+    asked: dict[str, Any],
 ):
     gate = Gate()
     monkeypatch.setattr(owner, work, gate.before(getattr(owner, work)))
@@ -130,7 +153,7 @@ def test_a_connection_that_breaks_while_the_server_works_harms_no_other_tab(
     lost.say(**asked)
     assert gate.reached.wait(PATIENCE_S)
     lost.socket.drop()
-    wait_until(lambda: len(server.shared.tabs) == 1)  # it is counted no more, though its work is not done
+    wait_until(lambda: len(server.shared.tabs) == len(loops) == 1)  # it is counted no more before its work is done
     gate.opened.set()
     other.say("step", action=FORWARD)
     assert other.at_step(1)["step"] == 1

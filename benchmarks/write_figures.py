@@ -1,9 +1,9 @@
 """Write what was measured here into the pages, between comments that name the section, so that no figure is typed.
 
 `peer.json` goes into the README, `speed.json` and `speed_avx2.json` into the page on speed, `stages.json`,
-`lenses.csv`, `reference_accuracy.csv` and `scaling.csv` into the page on rendering, `gpu.csv` into the page on devices,
-probes of the packaged encoders into the page on encoders, and the results of the study into the page of findings. What
-has not been measured is marked as such.
+`lenses.csv`, `reference_accuracy.csv` and `scaling.csv` into the page on rendering, `fly_rate.csv` into the page on
+flying by hand, `gpu.csv` into the page on devices, probes of the packaged encoders into the page on encoders, and the
+results of the study into the page of findings. What has not been measured is marked as such.
 """
 
 import argparse
@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import findings
+import fly_rate
 from page_sections import replace_section, wrap
 
 from thalweg.bench.csv_files import read_csv
@@ -199,6 +200,7 @@ SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
     (ROOT / "docs" / "render.md", "reference"): ("reference_accuracy.csv", reference_accuracy),
     (ROOT / "docs" / "render.md", "lenses"): ("lenses.csv", lenses),
     (ROOT / "docs" / "render.md", "scaling"): ("scaling.csv", scaling),
+    (ROOT / "docs" / "fly.md", "rate"): ("fly_rate.csv", fly_rate.table),
     (ROOT / "docs" / "encoder.md", "geometry"): ("encoders/geometry.csv", findings.geometry),
     (ROOT / "docs" / "encoder.md", "geometry tasks"): ("encoders/geometry_tasks.csv", findings.geometry_of_tasks),
     (FOUND, "study"): ("paper/runs.csv", findings.returns_and_costs),

@@ -42,6 +42,7 @@ def test_a_connection_that_broke_is_made_again_with_the_same_options(browser: Br
     wait_for(browser, STEP, lambda step: step == 0)
     assert browser.run(TEXT.format("where")).endswith("start 5")
     assert browser.run("return document.forms.options.look.value") == "autumn"
+    assert not browser.run("return document.getElementById('go').disabled")
     browser.press("w", on=browser.driver.find_element("tag name", "body"))
     wait_for(browser, STEP, lambda step: step == 1)
 

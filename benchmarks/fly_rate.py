@@ -185,8 +185,8 @@ def table() -> str:
     first = rows[0]
     note = wrap(
         "Frames a second at the pace that the page begins with, at most 40, and at *fastest*, a step for each frame;"
-        " and within how many milliseconds 95 of 100 frames follow the one before. A client on the same machine takes each"
-        " frame at once and shows none: a browser needs time of its own. Medium, full quality,"
+        " and within how many milliseconds 95 of 100 frames follow the one before. A client on the same machine takes"
+        " each frame at once and shows none: a browser needs time of its own. Medium, full quality,"
         f" {first['cores']} cores of type {first['cpu_type']}, with vectors of {first['vector_bits']} bits, on which"
         f" other work made a load of {first['load']}."
     )

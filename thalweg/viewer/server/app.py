@@ -53,8 +53,8 @@ def make_shared(
     pilot: str = HAND,
 ) -> Shared:
     """Return what the tabs of a server share."""
-    threads = [ThreadPoolExecutor(1, name) for name in THREADS]
-    return Shared(rivers or Rivers(), policies, folder, options or FlightOptions(), pilot, *threads)
+    drawing, building = (ThreadPoolExecutor(1, name) for name in THREADS)
+    return Shared(rivers or Rivers(), policies, folder, options or FlightOptions(), pilot, drawing, building)
 
 
 def stop(shared: Shared) -> None:

@@ -1,18 +1,30 @@
 """Tests of `thalweg film` on the command line."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from thalweg.bench.pictures.film import FRAMES_PER_S, HOLD_S
-from thalweg.bench.pictures.film_format import LARGE
+from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX
 from thalweg.cli.main import main
+from thalweg.cli.views import camera_from
 from thalweg.core.video import read_video
+from thalweg.env.frame_renderer import FrameRenderer
+from thalweg.render import Camera
 from thalweg.viewer.flight.flight import Flight, env_of
 from thalweg.viewer.flight.options import FlightOptions
 from thalweg.viewer.flight.recording import Folder
 from thalweg.world import World
+
+LENS = """
+image_width: 640
+image_height: 480
+camera_matrix: {rows: 3, cols: 3, data: [330.0, 0.0, 330.0, 0.0, 325.0, 230.0, 0.0, 0.0, 1.0]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0.04, 0.001, -0.001, 0.0]}
+"""
 
 
 @pytest.fixture
@@ -50,6 +62,28 @@ def test_a_saved_flight_is_filmed(saved: Path, tmp_path: Path, capsys: pytest.Ca
     assert "3 steps on Easy, start 3: not ended" in capsys.readouterr().out
 
 
+def test_a_film_has_the_shape_of_the_frames_of_its_camera(saved: Path, tmp_path: Path, easy_world: World):
+    (tmp_path / "lens.yaml").write_text(LENS)
+    out, given = tmp_path / "lens.mp4", (str(tmp_path / "lens.yaml"), "pitch_deg=10")
+    assert main(["film", str(saved), "--camera", *given, "--out", str(out)]) == 0
+    frames = list(read_video(out))
+    assert frames[0].shape == (512, 1056, 3)
+    options = FlightOptions(level="Easy", size_px=32, seed=3, look="autumn")
+    start = Flight(env_of(easy_world, options), options)
+    config = replace(start.env.config, camera=camera_from(given))
+    wanted = FrameRenderer(start.env.worlds, 1, config).render(start.views())[0]
+    shown = frames[0][MARGIN_PX : MARGIN_PX + 480, MARGIN_PX : MARGIN_PX + 640].astype(int)
+    assert np.abs(shown[200:] - wanted[200:, :, :3]).mean() < 8  # below the mask; the video is lossy
+    usual = FrameRenderer(start.env.worlds, 1, replace(config, camera=Camera(480, 640))).render(start.views())[0]
+    assert np.abs(shown[200:] - usual[200:, :, :3]).mean() > 20
+
+
+def test_without_a_size_the_frames_of_a_film_are_square(saved: Path, tmp_path: Path):
+    out = tmp_path / "wide.mp4"
+    assert main(["film", str(saved), "--camera", "fov_deg=90", "--steps", "1", "--out", str(out)]) == 0
+    assert frames_of(out) == 1 + HOLD
+
+
 @pytest.mark.parametrize("given", [["--look", "mist"], ["--world-seed", "4"]])
 def test_options_beside_a_saved_flight_are_refused(
     given: list[str], saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture
@@ -68,6 +102,10 @@ def test_options_beside_a_saved_flight_are_refused(
         (["missing.npz"], "missing.npz"),
         (["--look", "fog"], "look must be one of"),
         (["pilto"], "did you mean 'pilot'?"),
+        (["--camera", "fov_deg=200"], "fov_deg must be a number from 5 to 150, got 200"),
+        (["--camera", "fov=75"], "--camera has no setting 'fov' (did you mean 'fov_deg'?)"),
+        (["--camera", "none.yaml"], "none.yaml cannot be read as a calibration"),
+        (["--camera", "height_px=64", "width_px=300"], "at most 4 times the other, not 64 x 300 pixels"),
     ],
 )
 def test_a_wrong_option_is_refused_before_anything_is_flown(

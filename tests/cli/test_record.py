@@ -10,6 +10,8 @@ import pytest
 from tests.image_policies import image_policy
 from thalweg.cli.flown_files import flown_files
 from thalweg.cli.main import main
+from thalweg.cli.views import camera_from
+from thalweg.core.config import to_plain
 from thalweg.datasets import draft
 from thalweg.datasets.recordings import read_recordings
 from thalweg.env import EnvConfig, RiverVectorEnv
@@ -19,6 +21,14 @@ from thalweg.viewer.flight.observed import Observer
 from thalweg.viewer.flight.options import FlightOptions
 from thalweg.viewer.flight.recording import Folder
 from thalweg.world import World
+
+LENS = """
+image_width: 640
+image_height: 480
+camera_matrix: {rows: 3, cols: 3, data: [330.0, 0.0, 330.0, 0.0, 325.0, 230.0, 0.0, 0.0, 1.0]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0.04, 0.001, -0.001, 0.0]}
+"""
 
 
 def test_flights_of_a_pilot_are_recorded_as_the_environment_has_them(
@@ -55,14 +65,51 @@ def test_a_flight_that_was_saved_is_recorded_through_another_camera(tmp_path: Pa
     flight.step(np.array([0.5, 0.0, 1.0, 0.0], np.float32), "hand")
     saved = tmp_path / f"{Folder(tmp_path).save(flight)}.npz"
     out = tmp_path / "flights"
-    camera = ["--size", "48", "--fov-deg", "80", "--pitch-deg", "30", "--layers", "mask"]
+    camera = ["--camera", "height_px=48", "width_px=64", "fov_deg=80", "pitch_deg=30", "--layers", "mask"]
     assert main(["record", str(saved), *camera, "--format", "minari", "--out", str(out)]) == 0
     about, flights = read_recordings(out)
     (found,) = flights
     assert (about.camera["fov_deg"], about.camera["pitch_deg"], about.layers) == (80.0, 30.0, ("mask",))
-    assert found.size_px == (48, 48) and found.depth_m is None and found.options is None
+    assert found.size_px == (48, 64) and found.depth_m is None and found.options is None
     assert found.moves.tolist() == [[0.5, 0.0, 1.0, 0.0]]
     assert found.options_of_flight["look"] == "autumn" and found.pilots == ("hand",)
+
+
+@pytest.mark.parametrize("form", [["--format", "minari"], ["--format", "lerobot"], ["--format", "lerobot", "--video"]])
+def test_frames_that_are_not_square_are_recorded_through_a_lens(form: list[str], tmp_path: Path, easy_world: World):
+    (tmp_path / "lens.yaml").write_text(LENS)
+    texts = (str(tmp_path / "lens.yaml"), "height_px=36", "width_px=64", "pitch_deg=10")
+    out, flown = tmp_path / "flights", ["--level", "easy", "--episodes", "1", "--seed", "3", "--steps", "2"]
+    assert main(["record", "steady", *flown, "--camera", *texts, *form, "--out", str(out)]) == 0
+    about, (flight,) = read_recordings(out)
+    camera = camera_from(texts)
+    assert about.camera["lens"] == to_plain(camera)["lens"] and about.camera["lens"]["model"] == "plumb_bob"
+    assert about.camera["intrinsics"] == camera.intrinsics().tolist()
+    config = EnvConfig(observation=("rgb", "mask", "depth", "class"), camera=camera)
+    seen, _ = RiverVectorEnv([easy_world], 1, config).reset(seed=3)
+    assert flight.rgb.shape[1:] == (36, 64, 3)
+    lossy = 12 if "--video" in form else 0
+    assert np.abs(flight.rgb[0].astype(int) - seen["rgb"][0]).mean() <= lossy
+    for name, layer in (("mask", flight.mask), ("depth", flight.depth_m), ("class", flight.class_id)):
+        assert layer is not None
+        np.testing.assert_array_equal(layer[0], seen[name][0, ..., 0], err_msg=name)
+
+
+def test_a_recording_is_not_resumed_through_another_lens(
+    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    (tmp_path / "lens.yaml").write_text(LENS)
+    command = ["record", "steady", "--level", "easy", "--episodes", "2", "--steps", "2", "--layers", "mask"]
+    command += ["--camera", str(tmp_path / "lens.yaml"), "height_px=36", "width_px=48"]
+    command += ["--out", str(tmp_path / "flights")]
+    interrupt_second_flight(command, monkeypatch)
+    (tmp_path / "lens.yaml").write_text(LENS.replace("-0.2,", "-0.19,"))
+    assert main(command) == 2
+    assert "about.camera.lens" in capsys.readouterr().err
+    (tmp_path / "lens.yaml").write_text(LENS)
+    moved = (tmp_path / "lens.yaml").rename(tmp_path / "same.yaml")
+    assert main([str(moved) if word.endswith("lens.yaml") else word for word in command]) == 0
+    assert len(list(read_recordings(tmp_path / "flights")[1])) == 2
 
 
 def interrupt_second_flight(command: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,12 +239,15 @@ def test_a_saved_flight_is_one_flight(capsys: pytest.CaptureFixture):
     [
         (["--episodes", "0"], "--episodes must be at least 1, not 0"),
         (["--steps", "0"], "--steps must be at least 1, not 0"),
-        (["--video", "--size", "33"], "--video needs an even --size, not 33"),
+        (["--video", "--size", "33"], "--video needs frames with an even height and width, not 33 x 33 pixels"),
+        (["--video", "--camera", "width_px=97"], "an even height and width, not 128 x 97 pixels"),
+        (["--camera", "fov_deg=75", "--size", "64"], "--size goes without --camera, which has height_px and width_px"),
+        (["--camera", "fov=75"], "--camera has no setting 'fov' (did you mean 'fov_deg'?)"),
         (["--video", "--format", "minari"], "Minari keeps no videos"),
         (["--format", "minari", "--out", "my flights"], "letters, digits, - and _, not 'my flights'"),
         (["--world-seed", "1", "--world-seeds", "2"], "give --world-seed or --world-seeds, not both"),
         (["--look", "fog"], "look must be one of"),
-        (["--fov-deg", "200"], "--fov-deg must be a number from 5 to 150, got 200.0"),
+        (["--camera", "fov_deg=200"], "fov_deg must be a number from 5 to 150, got 200"),
     ],
 )
 def test_a_wrong_option_is_refused_before_anything_is_flown(

@@ -6,6 +6,7 @@ from pathlib import Path
 from thalweg.cli.flight_options import policy_name
 from thalweg.cli.flown_flight import FlownFlight
 from thalweg.cli.options import UsageError, check_file
+from thalweg.cli.views import camera_from
 
 
 @dataclass(frozen=True)
@@ -14,10 +15,9 @@ class Film(FlownFlight):
 
     steps: int | None = None
     """Greatest number of steps; by default to the end of the flight."""
-    fov_deg: float = 60.0
-    """Vertical field of view of the filming camera in degrees; policies see through the camera of their training."""
-    pitch_deg: float = 20.0
-    """How far the filming camera looks below the horizon, in degrees."""
+    camera: tuple[str, ...] = ()
+    """Settings of the filming camera, such as fov_deg=75 height_px=480 width_px=640, and before them the YAML file of a
+    calibration; policies see through the camera of their training."""
     out: Path = Path("flight.mp4")
     """Film to write, an .mp4 file; an existing one is replaced. A picture of it is written beside it."""
 
@@ -25,16 +25,15 @@ class Film(FlownFlight):
         from rich.console import Console
 
         from thalweg.bench.evaluate.progress import progress_bar, track_frames
-        from thalweg.bench.pictures.film_format import LARGE
-        from thalweg.render import Camera
+        from thalweg.bench.pictures.film_format import LARGE, format_of
         from thalweg.viewer.flight.filming import FilmedFlight
 
         check_file("--out", self.out, ".mp4")
         if self.steps is not None and self.steps < 1:
             raise UsageError(f"--steps must be at least 1, not {self.steps}")
-        side = LARGE.view_px
-        camera = Camera(height_px=side, width_px=side, fov_deg=self.fov_deg, pitch_deg=self.pitch_deg)
-        filmed = FilmedFlight(self.cockpit(side, self.out.parent), self.steps, camera)
+        camera = camera_from(self.camera, LARGE.view_px)
+        format_of(camera)  # frames that make no film are refused before anything is flown
+        filmed = FilmedFlight(self.cockpit(LARGE.view_px, self.out.parent), self.steps, camera)
         with progress_bar(Console(stderr=True), "frames") as progress:
             on_frame = track_frames(progress, self.out.name, filmed.flight.steps)
             filmed.write(self.out, policy_name(self.flight), on_frame)

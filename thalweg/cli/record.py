@@ -5,15 +5,19 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from thalweg.cli.flight_options import policy_name
 from thalweg.cli.flown_files import flown_files
 from thalweg.cli.flown_flight import FlownFlight
 from thalweg.cli.options import UsageError
+from thalweg.cli.views import camera_from
 from thalweg.core.config import to_plain
 from thalweg.core.notices import notice
 from thalweg.core.seeds import parse_seeds
+
+if TYPE_CHECKING:
+    from thalweg.render import Camera
 
 
 @dataclass(frozen=True)
@@ -34,10 +38,9 @@ class Record(FlownFlight):
     """What to keep beside the colours."""
     size: int = 128
     """Height and width of a frame in pixels."""
-    fov_deg: float = 60.0
-    """Vertical field of view of the recorded camera in degrees; policies see through the camera of their training."""
-    pitch_deg: float = 20.0
-    """How far the recorded camera looks below the horizon, in degrees."""
+    camera: tuple[str, ...] = ()
+    """Settings of the recorded camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration;
+    policies see through the camera of their training."""
     video: bool = False
     """Keep the colours as an H.264 video, which is smaller and lossy; else every frame is lossless."""
 
@@ -57,13 +60,11 @@ class Record(FlownFlight):
         from thalweg.datasets.draft import finished_flights
         from thalweg.datasets.errors import DatasetError
         from thalweg.datasets.recordings import check_recording, recording
-        from thalweg.render import Camera
         from thalweg.viewer.flight.observed import Observer, options_of
         from thalweg.viewer.flight.recording import read_recording
 
-        self._check()
+        camera = self._checked_camera()
         check_recording(self.out, self.format, video=self.video)
-        camera = Camera(height_px=self.size, width_px=self.size, fov_deg=self.fov_deg, pitch_deg=self.pitch_deg)
         count = 1 if self.saved else self.episodes
         done = finished_flights(self.out)
         flights = self._flights(min(len(done), count - 1))
@@ -102,23 +103,29 @@ class Record(FlownFlight):
 
     def _what_is_flown(self) -> dict[str, Any]:
         """Return the options that decide what the flights are, as plain data: not their number, nor the folders in
-        which files lie."""
-        ways = ("out", "format", "episodes", "video", "plugin")
+        which files lie. The camera is kept beside them."""
+        ways = ("out", "format", "episodes", "video", "plugin", "size", "camera")
         named = replace(self, flight=policy_name(self.flight))
         return {each.name: _plain(getattr(named, each.name)) for each in fields(self) if each.name not in ways}
 
-    def _check(self) -> None:
-        """Raise `UsageError` for options that do not go together."""
+    def _checked_camera(self) -> "Camera":
+        """Return the recorded camera; raises `UsageError` for options that do not go together, and the errors of
+        `camera_from`."""
         if self.episodes < 1:
             raise UsageError(f"--episodes must be at least 1, not {self.episodes}")
         if self.steps is not None and self.steps < 1:
             raise UsageError(f"--steps must be at least 1, not {self.steps}")
-        if self.video and self.size % 2:
-            raise UsageError(f"--video needs an even --size, not {self.size}")
         if self.world_seeds and self.world_seed is not None:
             raise UsageError("give --world-seed or --world-seeds, not both")
         if self.saved and (self.world_seeds or self.episodes != type(self).episodes):
             raise UsageError(f"--episodes and --world-seeds do not go with {self.flight}, which is one flight")
+        if self.camera and self.size != type(self).size:
+            raise UsageError("--size goes without --camera, which has height_px and width_px")
+        camera = camera_from(self.camera, self.size)
+        if self.video and (camera.height_px % 2 or camera.width_px % 2):
+            size = f"{camera.height_px} x {camera.width_px} pixels (height x width)"
+            raise UsageError(f"--video needs frames with an even height and width, not {size}")
+        return camera
 
     def _flights(self, first: int) -> Iterator[Any]:
         """Yield the cockpit at the start of each flight, from the one with the index `first` on."""

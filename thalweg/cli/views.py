@@ -60,15 +60,27 @@ Views = Annotated[TrainedViews, arg(name="")]
 AS_IN_LEVELS = TrainedViews()
 
 
-def camera_from(texts: tuple[str, ...]) -> "Camera":
+def camera_from(texts: tuple[str, ...], side_px: int = 128) -> "Camera":
     """Return the camera of the option --camera: settings, after the file of a calibration if there is one.
 
-    Raises `UsageError` for an unknown setting, and `RenderError` for values that are not allowed, which names them, and
-    for a calibration that cannot be used.
+    `side_px`: height and width where neither the settings nor a file have them. Raises `UsageError` for an unknown
+    setting, and `RenderError` for values that are not allowed, which names them, and for a calibration that cannot be
+    used.
     """
-    from thalweg.core.suggestion import did_you_mean
     from thalweg.render import Camera
     from thalweg.render.records.calibration import camera_of_calibration
+
+    file, settings = camera_settings(texts)
+    if file is None:
+        return Camera(**{"height_px": side_px, "width_px": side_px, **settings})
+    return camera_of_calibration(file, **settings)
+
+
+def camera_settings(texts: tuple[str, ...]) -> tuple[Path | None, dict[str, Any]]:
+    """Return the file of a calibration, if there is one, and the settings of the option --camera; raises `UsageError`
+    for an unknown setting."""
+    from thalweg.core.suggestion import did_you_mean
+    from thalweg.render import Camera
 
     files = [text for text in texts if "=" not in text]
     settings = settings_from([text for text in texts if "=" in text], "--camera")
@@ -79,4 +91,4 @@ def camera_from(texts: tuple[str, ...]) -> "Camera":
             raise UsageError(f"--camera has no setting {name!r}{near}; known: {', '.join(known)}")
     if len(files) > 1:
         raise UsageError(f"--camera takes one file of a calibration, not {' and '.join(files)}")
-    return camera_of_calibration(Path(files[0]), **settings) if files else Camera(**settings)
+    return Path(files[0]) if files else None, settings

@@ -27,7 +27,7 @@ from thalweg.bench.pictures.film import (
     smooth,
     write_film,
 )
-from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX, SMALL, FilmFormat
+from thalweg.bench.pictures.film_format import BLOCK_PX, LARGE, MARGIN_PX, SMALL, FilmFormat, format_of
 from thalweg.core.video import read_video
 from thalweg.env import sample_starts
 from thalweg.render import Camera
@@ -99,12 +99,38 @@ def test_the_picture_of_a_film_has_the_river_ahead_and_banks_at_its_sides():
     assert scores[0] > 0.4 and scores[1:3] == pytest.approx([0, 0], abs=0.02) and scores[3] < -0.1
 
 
-@pytest.mark.parametrize("shape", [LARGE, SMALL])
+WIDE, TALL = format_of(Camera(400, 700)), format_of(Camera(96, 64))
+
+
+@pytest.mark.parametrize("shape", [LARGE, SMALL, WIDE, TALL])
 def test_the_text_is_above_the_map_and_the_mask_in_the_sky_where_no_controls_cover_them(shape: FilmFormat):
     _, height = shape.size_px
-    assert shape.map_top_px + shape.map_px == height - MARGIN_PX
+    assert shape.map_top_px + shape.map_px == MARGIN_PX + shape.view_px <= height - MARGIN_PX
     assert shape.map_top_px >= 4 * shape.font_px  # four lines
     assert inset_box(shape)[3] < height / 2
+
+
+def test_frames_are_shown_as_they_are_and_those_that_are_lower_are_enlarged():
+    assert format_of(Camera(384, 384)) == replace(LARGE, view_width_px=384)
+    assert (WIDE.view_size_px, WIDE.size_px) == ((700, 400), (1056, 432))
+    assert (TALL.view_size_px, TALL.inset_size_px) == ((256, 384), (75, 112))
+    assert all(side % BLOCK_PX == 0 for shape in (LARGE, SMALL, WIDE, TALL) for side in shape.size_px)
+    with pytest.raises(ResultsError, match=r"at most 4 times the other, not 401 x 100 pixels \(height x width\)"):
+        format_of(Camera(401, 100))
+    assert format_of(Camera(400, 100)).view_size_px == (100, 400)
+
+
+def test_a_wide_frame_fills_its_view_to_the_pixel(easy_world: World):
+    flight = flight_on(easy_world, steps=1)
+    frame = np.random.default_rng(0).integers(256, size=(400, 700, 4), dtype=np.uint8)
+    (shown,) = film.film_frames(easy_world, flight, "pilot", WIDE, draw=lambda _: frame)
+    assert shown.shape == (432, 1056, 3)
+    left, top, right, bottom = inset_box(WIDE)
+    view = shown[MARGIN_PX : MARGIN_PX + 400, MARGIN_PX : MARGIN_PX + 700]
+    np.testing.assert_array_equal(view[bottom:], frame[bottom:, :, :3])
+    mask = np.asarray(Image.fromarray(frame[..., 3]).resize((right - left, bottom - top)))
+    np.testing.assert_array_equal(shown[top:bottom, left:right, 0], mask)
+    assert (right - left) / (bottom - top) == pytest.approx(700 / 400, rel=0.01)
 
 
 @pytest.mark.slow
@@ -134,9 +160,9 @@ def test_the_last_step_is_always_shown(steps: int, shown: list[int]):
     assert LARGE.shown_steps(steps) == list(range(steps))
 
 
-def test_sides_that_are_no_multiple_of_a_block_are_refused():
-    with pytest.raises(ValueError, match=r"a film of \(440, 256\) pixels"):
-        replace(SMALL, map_px=168)
+def test_sides_that_are_no_multiple_of_a_block_grow_to_one():
+    shape = replace(SMALL, map_px=168)
+    assert (shape.view_px + 168 + 3 * MARGIN_PX, shape.size_px) == (440, (448, 256))
 
 
 def test_a_flight_without_steps_is_refused(easy_world: World, tmp_path: Path):

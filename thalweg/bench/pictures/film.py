@@ -154,7 +154,8 @@ def film_frames(
 
     The camera defaults to one with the size of the format's view, and `draw` to `drawn_by` with that camera.
     """
-    camera = camera or Camera(height_px=shape.view_px, width_px=shape.view_px)
+    width, height = shape.view_size_px
+    camera = camera or Camera(height_px=height, width_px=width)
     draw = draw or drawn_by(world, flight, camera)
     river_map = RiverMap(world, shape.map_px)
     shown = shape.shown_steps(len(flight.poses))
@@ -163,7 +164,7 @@ def film_frames(
     for index, lines in zip(shown, captions, strict=True):
         frame = draw(index)
         canvas = Image.new("RGB", shape.size_px, BACKGROUND)
-        camera_view = Image.fromarray(frame[..., :3]).resize((shape.view_px, shape.view_px))
+        camera_view = Image.fromarray(frame[..., :3]).resize(shape.view_size_px)
         canvas.paste(camera_view, (MARGIN_PX, MARGIN_PX))
         _paste_mask(canvas, frame[..., 3], shape)
         canvas.paste(river_map.with_track(flight.poses[: index + 1]), (shape.map_left_px, shape.map_top_px))
@@ -211,7 +212,7 @@ def _fitting_font(texts: Sequence[str], shape: FilmFormat) -> Any:
 
 def _paste_mask(canvas: Image.Image, mask: np.ndarray, shape: FilmFormat) -> None:
     """Paste the water mask into the upper right corner of the view, where there is sky."""
-    inset = Image.fromarray(mask).resize((shape.inset_px, shape.inset_px)).convert("RGB")
+    inset = Image.fromarray(mask).resize(shape.inset_size_px).convert("RGB")
     left, top, right, bottom = inset_box(shape)
     ImageDraw.Draw(canvas).rectangle((left - 2, top - 2, right + 1, bottom + 1), TEXT)
     canvas.paste(inset, (left, top))
@@ -219,8 +220,9 @@ def _paste_mask(canvas: Image.Image, mask: np.ndarray, shape: FilmFormat) -> Non
 
 def inset_box(shape: FilmFormat) -> tuple[int, int, int, int]:
     """Return left, top, right and bottom of the water mask in a picture, right and bottom excluded."""
-    right, top = MARGIN_PX + shape.view_px - 8, MARGIN_PX + 8
-    return right - shape.inset_px, top, right, top + shape.inset_px
+    width, height = shape.inset_size_px
+    right, top = MARGIN_PX + shape.view_size_px[0] - 8, MARGIN_PX + 8
+    return right - width, top, right, top + height
 
 
 def shows_river(picture: np.ndarray, shape: FilmFormat) -> float:

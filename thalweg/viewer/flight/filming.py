@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from thalweg.bench.pictures import film
+from thalweg.bench.pictures.film_format import format_of
 from thalweg.env.frame_renderer import FrameRenderer, Views
 from thalweg.render import Camera
 from thalweg.viewer.errors import ViewerError
@@ -22,12 +23,13 @@ class FilmedFlight:
         """Fly the flight of a cockpit until it ends, its recording is over, or `most_steps` are flown.
 
         `camera` films it, by default that of the flight's environment.
-        Raises `ViewerError` without a flight, and the errors of who flies.
+        Raises `ViewerError` without a flight, and the errors of `format_of` and of who flies.
         """
         if cockpit.flight is None:
             raise ViewerError("there is no flight: start one first")
         self.flight = flight = cockpit.flight
         env = flight.env
+        self._shape = format_of(camera or env.config.camera)
         other = camera is not None and camera != env.config.camera
         self._frames = FrameRenderer(env.worlds, 1, replace(env.config, camera=camera)) if other else env.frames
         self._seen: list[tuple[Views, np.ndarray | None]] = []
@@ -51,4 +53,5 @@ class FilmedFlight:
 
     def write(self, path: Path, title: str, on_frame: Callable[[], Any] | None = None) -> None:
         """Write the film, whose first line is `title`, as `thalweg.bench.pictures.film.write_film` does."""
-        film.write_film(path, self.flight.world, self.record(), title, draw=self.draw, on_frame=on_frame)
+        record, world = self.record(), self.flight.world
+        film.write_film(path, world, record, title, shape=self._shape, draw=self.draw, on_frame=on_frame)

@@ -84,7 +84,7 @@ def test_without_a_size_the_frames_of_a_film_are_square(saved: Path, tmp_path: P
     assert frames_of(out) == 1 + HOLD
 
 
-@pytest.mark.parametrize("given", [["--look", "mist"], ["--world-seed", "4"]])
+@pytest.mark.parametrize("given", [["--look", "mist"], ["--world-seed", "4"], ["--action", "multidiscrete"]])
 def test_options_beside_a_saved_flight_are_refused(
     given: list[str], saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 ):

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from tests.deploy import policies
 from tests.image_policies import image_policy
 from thalweg.cli.flight_options import free_name
 from thalweg.cli.fly import Fly
@@ -54,7 +55,7 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path, capsys: pytest
 
 def test_the_help_names_all_looks():
     help_text = (ROOT / "thalweg" / "cli" / "flight_options.py").read_text()
-    (listed,) = re.findall(r'"""Appearance: (.*)\."""', help_text)
+    (listed,) = re.findall(r'"""Appearance: ([^;]*);', help_text)
     assert re.split(", | or ", listed) == list(LOOKS)
 
 
@@ -109,6 +110,51 @@ def test_a_policy_does_not_stand_for_a_pilot_of_its_folders_name(tmp_path: Path)
     ]
     assert list(Fly(policies=("packaged",))._loaders()) == ["packaged"]
     assert list(Fly(policies=("steady",))._loaders()) == ["packaged"]  # the pilot is on the page anyway
+
+
+@pytest.fixture
+def numbers(tmp_path: Path) -> Path:
+    """The file of a policy of continuous actions."""
+    policies.of_images_and_numbers().save(tmp_path / "numbers.safetensors")
+    return tmp_path / "numbers.safetensors"
+
+
+@pytest.mark.parametrize(
+    ("given", "action"),
+    [
+        (["packaged"], "multidiscrete"),
+        ([], "multidiscrete"),
+        (["packaged", "NUMBERS"], "continuous"),
+        (["steady", "NUMBERS"], "continuous"),
+        (["packaged", "--action", "continuous"], "continuous"),
+    ],
+)
+def test_flights_have_the_actions_of_the_policies(
+    given: list[str], action: str, numbers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    begun: list[Any] = []
+
+    def make_shared(*_: Any, **settings: Any) -> Any:
+        begun.append(settings["options"])
+        raise ViewerError("enough")
+
+    monkeypatch.setattr(app, "make_shared", make_shared)
+    names = [str(numbers) if name == "NUMBERS" else name for name in given]
+    assert main(["fly", *names, "--out", str(tmp_path / "flights")]) == 2
+    assert [options.action for options in begun] == [action]
+
+
+def test_other_actions_than_those_of_a_policy_are_refused(numbers: Path, capsys: pytest.CaptureFixture):
+    assert main(["fly", "packaged", str(numbers), "--action", "multidiscrete"]) == 2
+    told = f"--action multidiscrete does not go with {numbers}, which has continuous actions: leave it out"
+    assert told in capsys.readouterr().err
+
+
+def test_functions_are_watched_too(tmp_path: Path):
+    (tmp_path / "mine.py").write_text("def fly(image):\n    return 1, 1, 2, 1\n")
+    fly = Fly(policies=(f"{tmp_path}/mine.py:fly",))
+    assert list(fly._loaders()) == [f"{tmp_path}/mine.py:fly", "packaged"]
+    assert "functions (fly.py:fly)" in (ROOT / "thalweg" / "cli" / "fly.py").read_text()
 
 
 def heed_interrupts() -> None:

@@ -13,6 +13,7 @@ from thalweg.bench.suite.views import TrainingViews
 from thalweg.cli.main import main
 from thalweg.cli.options import UsageError
 from thalweg.cli.views import TrainedViews, camera_from
+from thalweg.datasets.recordings import read_recordings
 from thalweg.env import EnvConfig
 from thalweg.render import Camera, Randomisation, Renderer
 from thalweg.train import load_policy
@@ -166,6 +167,12 @@ def test_a_run_of_continuous_actions_is_evaluated_and_filmed_with_them(
     assert action_of(load_policy(run)) == "continuous"
     assert main(["evaluate", str(run), "--levels", "easy", "--episodes", "1"]) == 0
     film = ["film", str(run), "--level", "easy", "--steps", "2", "--out", str(tmp_path / "a.mp4")]
-    assert main(film) == 2
-    assert "the policy has continuous actions, but those of the flight are discrete" in capsys.readouterr().err
-    assert main([*film, "--action", "continuous"]) == 0
+    assert main([*film, "--action", "multidiscrete"]) == 2
+    told = capsys.readouterr().err
+    assert f"--action multidiscrete does not go with {run}, which has continuous actions: leave it out" in told
+    assert not (tmp_path / "a.mp4").exists()
+    assert main(film) == 0
+    flown = ["record", str(run), "--level", "easy", "--episodes", "1", "--steps", "2", "--layers", "mask"]
+    assert main([*flown, "--out", str(tmp_path / "flights")]) == 0
+    (flight,) = read_recordings(tmp_path / "flights")[1]
+    assert flight.options is None and flight.options_of_flight["action"] == "continuous"

@@ -1,12 +1,12 @@
 """Options that choose a flight: river, start, task, vehicle and look."""
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from thalweg.cli.command import Command
-from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, checked_task
+from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, UsageError, checked_task
 
 
 @dataclass(frozen=True)
@@ -24,10 +24,11 @@ class ChosenFlight(Command):
     """River, Swimmers, Nests, RacingLine or Portage."""
     vehicle: Literal["uav", "asv"] = "uav"
     """`uav` flies; `asv` is a boat, for Easy, Medium-Deep and Hard-Deep."""
-    action: Literal["multidiscrete", "continuous"] = "multidiscrete"
-    """Kind of actions; sticks of gamepads are proportional with continuous ones."""
+    action: Literal["multidiscrete", "continuous"] | None = None
+    """Kind of actions, by default that of the policies; sticks of gamepads are proportional with continuous ones."""
     look: str = "as trained"
-    """Appearance: as trained, autumn, mist, overcast, brown water, still water, poor camera or random."""
+    """Appearance: as trained, autumn, mist, overcast, brown water, still water, poor camera or random; `random` draws
+    one for each flight, as --randomise of other commands does."""
     wind: float = 0.0
     """Mean speed of the wind in m/s; 0 is no wind."""
     quality: Literal["full", "fast"] = "full"
@@ -53,7 +54,7 @@ class ChosenFlight(Command):
             seed=self.seed,
             task=checked_task(self.task),
             vehicle=self.vehicle,
-            action=self.action,
+            action=self.action or "multidiscrete",
             look=self.look,
             wind_m_per_s=self.wind,
             quality=self.quality,
@@ -61,6 +62,23 @@ class ChosenFlight(Command):
         )
         options.rules  # noqa: B018  # options that do not go together are refused
         return Rivers(reach), options
+
+    def with_actions_of(self, options: Any, policies: Mapping[str, Any]) -> Any:
+        """Return the options of the flight with continuous actions if one of the policies, by what they were given as,
+        has such; raises `UsageError` if other actions were asked for.
+
+        Policies of discrete actions also fly with continuous ones.
+        """
+        from thalweg.train.observations import action_of
+
+        for given, policy in policies.items():
+            if action_of(policy) == "continuous":
+                if self.action == "multidiscrete":
+                    raise UsageError(
+                        f"--action multidiscrete does not go with {given}, which has continuous actions: leave it out"
+                    )
+                return replace(options, action="continuous")
+        return options
 
 
 def free_name(given: str, taken: Collection[str]) -> str:

@@ -19,8 +19,8 @@ class FlownFlight(ChosenFlight):
     """A flight, and who flies it."""
 
     flight: Positional[str] = "packaged"
-    """A run's folder, a policy file, `packaged`, `pilot`, `steady`, `hover`, or a saved flight, an .npz
-    file."""
+    """A run's folder, a policy file, a function (fly.py:fly), `packaged`, `pilot`, `steady`, `hover`, or a saved
+    flight, an .npz file."""
 
     @property
     def saved(self) -> bool:
@@ -48,8 +48,8 @@ class FlownFlight(ChosenFlight):
         piloted = self.flight in PILOTS
         name = self.flight if piloted else free_name(self.flight, (HAND, REPLAY, *PILOTS))
         policies = {} if piloted else {name: cache(partial(load_named_policy, self.flight, self.vehicle))}
-        for one in policies.values():
-            one()  # its errors show before anything is built
+        for one in policies.values():  # its errors show before anything is built
+            options = self.with_actions_of(options, {self.flight: one()})
         cockpit = Cockpit(policies, Folder(folder), name)
         for change in changes:
             flown = replace(options, **change)

@@ -23,7 +23,8 @@ class Fly(ChosenFlight):
     than that of the options."""
 
     policies: Positional[tuple[str, ...]] = ()
-    """Runs' folders or policy files to watch, beside the pilots and packaged policies; the first one flies first."""
+    """Runs' folders, policy files or functions (fly.py:fly) to watch, beside the pilots and packaged policies; the
+    first one flies first."""
     size: int = 384
     """Height and width of a frame in pixels."""
     out: Path = Path("flights")
@@ -46,6 +47,9 @@ class Fly(ChosenFlight):
         self._check()
         rivers, options = self.chosen(self.size)
         policies = self._loaders()
+        named = [given for given in self.policies if given not in PILOTS]  # whose loaders come first
+        loaded = {given: load() for given, load in zip(named, policies.values(), strict=False)}
+        options = self.with_actions_of(options, loaded)
         pilot = HAND
         if self.policies:
             pilot = self.policies[0] if self.policies[0] in PILOTS else next(iter(policies))

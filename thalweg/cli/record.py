@@ -81,7 +81,7 @@ class Record(FlownFlight):
                 self.format,
                 observer.about(),
                 video=self.video,
-                options=self._what_is_flown(),
+                options=self._what_is_flown(first.flight.options.action),
                 files=flown_files(self.flight, self.river.river, self.plugin),
             ) as writer,
         ):
@@ -101,11 +101,12 @@ class Record(FlownFlight):
         print(f"{self.out}: {count} flights, {steps:,} steps ({told}) in the format of {self.format}")
         return 0
 
-    def _what_is_flown(self) -> dict[str, Any]:
+    def _what_is_flown(self, action: str) -> dict[str, Any]:
         """Return the options that decide what the flights are, as plain data: not their number, nor the folders in
-        which files lie. The camera is kept beside them."""
+        which files lie. The camera is kept beside them; `action` is the kind of actions that are flown."""
         ways = ("out", "format", "episodes", "video", "plugin", "size", "camera")
-        named = replace(self, flight=policy_name(self.flight))
+        changes: dict[str, Any] = {"flight": policy_name(self.flight), "action": action}
+        named = replace(self, **changes)
         return {each.name: _plain(getattr(named, each.name)) for each in fields(self) if each.name not in ways}
 
     def _checked_camera(self) -> "Camera":

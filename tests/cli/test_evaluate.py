@@ -1,16 +1,31 @@
 """Tests of the encoder that `thalweg evaluate` looks through, and of how it takes actions."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from tests.image_policies import image_policy
+from thalweg.bench.evaluate.episodes import read_episodes
 from thalweg.cli.evaluate import Evaluate, _encoder_for, load_named_policy, sampling
+from thalweg.cli.flown_camera import camera_in_words, flown_camera
 from thalweg.cli.main import main
 from thalweg.cli.options import UsageError
 from thalweg.core.cache import file_hash
 from thalweg.env import EnvConfig
+from thalweg.render import Camera, Renderer
+from thalweg.render.records.calibration import camera_of_calibration
+from thalweg.world import World
+
+LENS = """
+image_width: 640
+image_height: 480
+camera_matrix: {rows: 3, cols: 3, data: [330.0, 0.0, 330.0, 0.0, 325.0, 230.0, 0.0, 0.0, 1.0]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0.04, 0.001, -0.001, 0.0]}
+"""
 
 
 @pytest.mark.parametrize("given", [None, Path("other.safetensors")], ids=["that of the run", "another one"])
@@ -48,6 +63,13 @@ def test_a_policy_that_gives_one_action_has_none_to_sample():
         (["hover", "--sample"], "--sample is for policies with probabilities of actions; hover has none"),
         (["packaged", "--sample", "--deterministic"], "give --sample or --deterministic, not both"),
         (["hover", "--encoder", "none"], "hover sees no frames: leave --encoder none out"),
+        (["hover", "--camera", "fov_deg=75"], "hover sees no frames: leave --camera fov_deg=75 out"),
+        (
+            ["packaged", "--camera", "height_px=96", "fov_deg=75"],
+            "packaged sees frames of 128 x 128 pixels (height x width), not 96 x 128: leave height_px and width_px out"
+            " of --camera",
+        ),
+        (["packaged", "--camera", "fov_deg=200"], "fov_deg must be a number from 5 to 150, got 200"),
         (["steady", "--encoder", "geometry"], "steady sees no frames: leave --encoder geometry out"),
     ],
 )
@@ -56,3 +78,58 @@ def test_options_that_a_policy_does_not_take_are_refused(
 ):
     assert main(["evaluate", *arguments]) == 2
     assert capsys.readouterr().err == f"thalweg: {message}\n"
+
+
+def test_another_camera_keeps_what_is_not_given():
+    told = {"height_px": 32, "width_px": 32, "fov_deg": 80.0, "pitch_deg": 5.0}
+    policy = image_policy("rgb+mask", 32, env={"camera": told})
+    trained = Camera(32, 32, 80.0, 5.0)
+    assert flown_camera(policy, "run", ()) == trained
+    assert flown_camera(policy, "run", ("pitch_deg=30",)) == Camera(32, 32, 80.0, 30.0)
+    assert flown_camera(policy, "run", ("height_px=32",)) == trained
+    assert camera_in_words(policy, "run", ("height_px=32", "fov_deg=80")) == ""
+    assert camera_in_words(policy, "run", ("fov_deg=75",)) == "camera fov_deg=75"
+    with pytest.raises(UsageError, match=r"run sees frames of 32 x 32 pixels \(height x width\), not 32 x 64"):
+        flown_camera(policy, "run", ("width_px=64",))
+
+
+def test_a_calibration_is_cut_to_the_frames_of_the_policy(tmp_path: Path):
+    file = tmp_path / "lens.yaml"
+    file.write_text(LENS)
+    policy = image_policy("rgb+mask", 32, env={"camera": {"height_px": 32, "width_px": 32, "pitch_deg": 5.0}})
+    wanted = camera_of_calibration(file, height_px=32, width_px=32, pitch_deg=5.0)
+    assert flown_camera(policy, "run", (str(file),)) == wanted and wanted.lens is not None
+    assert camera_in_words(policy, "run", (str(file), "pitch_deg=9")) == "camera lens.yaml pitch_deg=9"
+    behind = image_policy("rgb+mask", 32, env={"camera": wanted.as_data()})
+    assert flown_camera(behind, "run", ("pitch_deg=9",)) == replace(wanted, pitch_deg=9.0)
+    with pytest.raises(UsageError, match=r"run was trained behind a lens, .*: leave fov_deg=75 out of --camera"):
+        flown_camera(behind, "run", ("fov_deg=75",))
+
+
+def test_a_policy_is_evaluated_through_another_camera_and_its_rows_say_so(
+    tmp_path: Path, easy_world: World, monkeypatch: pytest.MonkeyPatch
+):
+    (tmp_path / "lens.yaml").write_text(LENS)
+    policy = image_policy("rgb+mask", 32, env={"camera": {"height_px": 32, "width_px": 32}})
+    policy.save(tmp_path / "run.safetensors")
+    drawn: list[Camera] = []
+
+    class Watched(Renderer):
+        def __init__(self, worlds: Any, camera: Camera, *others: Any, **options: Any) -> None:
+            drawn.append(camera)
+            super().__init__(worlds, camera, *others, **options)
+
+    monkeypatch.setattr("thalweg.bench.evaluate.evaluation.Renderer", Watched)
+    command = ["evaluate", str(tmp_path / "run.safetensors"), "--levels", "easy", "--episodes", "1"]
+    command += ["--out", str(tmp_path / "rows.csv"), "--quality", "fast", "--camera", str(tmp_path / "lens.yaml")]
+    assert main(command) == 0
+    assert drawn == [camera_of_calibration(tmp_path / "lens.yaml", height_px=32, width_px=32)]
+    (row,) = read_episodes(tmp_path / "rows.csv")
+    assert row.algorithm == "run.safetensors (fast frames) (camera lens.yaml)"
+
+
+def test_a_function_is_shown_frames_of_any_size(tmp_path: Path, easy_world: World):
+    seen = "import numpy as np\n\n\ndef fly(image):\n    assert image.shape == (24, 48, 4)\n    return 1, 1, 1, 1\n"
+    (tmp_path / "mine.py").write_text(seen)
+    command = ["evaluate", f"{tmp_path}/mine.py:fly", "--levels", "easy", "--episodes", "1"]
+    assert main([*command, "--camera", "height_px=24", "width_px=48"]) == 0

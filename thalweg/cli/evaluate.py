@@ -4,7 +4,7 @@ import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from tyro.conf import Positional
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Evaluate(Command):
-    """Evaluate a policy from the fixed list of starts of each river."""
+    """Evaluate a policy from the fixed list of starts of each river, with the kind of actions that it has."""
 
     policy: Positional[str]
     """A run's folder, a policy file, a function (fly.py:fly), `packaged`, random, hover, forward, pilot
@@ -53,6 +53,9 @@ class Evaluate(Command):
     forces: Forces = STILL
     quality: Literal["full", "fast"] = "full"
     """Quality of the frames that policies see; the names of results with `fast` say so."""
+    camera: tuple[str, ...] = ()
+    """Settings of the camera that differ from the policy's training, such as fov_deg=75 pitch_deg=10, and before them
+    the YAML file of a calibration; the names of results say so."""
     randomise: bool = False
     """Vary the appearance of each start, the same for all policies; the names of results say so."""
     sample: bool = False
@@ -73,8 +76,9 @@ class Evaluate(Command):
         """Return the config of the flights of a policy: task and forces that are not given are those that it was
         trained with. Raises `UsageError` and `ConfigError`."""
         from thalweg.bench.evaluate.course import EvaluationConfig
+        from thalweg.cli.flown_camera import flown_camera
         from thalweg.env import EnvConfig
-        from thalweg.train.observations import action_of, camera_of, forces_of, task_of
+        from thalweg.train.observations import action_of, forces_of, task_of
 
         task = checked_task(self.task or task_of(policy))
         rules = EnvConfig(
@@ -83,7 +87,7 @@ class Evaluate(Command):
             hard=self.hard,
             vehicle=self.vehicle,
             action=action_of(policy),
-            camera=camera_of(policy),
+            camera=flown_camera(policy, self.policy, self.camera),
         )
         rules = self.forces.options(forces_of(policy)).applied(rules)
         return EvaluationConfig(self.episodes, self.starts_seed, self.deterministic, rules)
@@ -154,9 +158,8 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
                 if command.randomise:
                     course = course.varied(Randomisation(), config)
                 scene = course if command.randomise else course.world
-                observe = observation_function(
-                    policy, scene, encoder, command.device, shielded=command.shield, quality=command.quality
-                )
+                drawn: Any = {"shielded": command.shield, "quality": command.quality, "camera": config.env.camera}
+                observe = observation_function(policy, scene, encoder, command.device, **drawn)
                 which = f", river {course.world.seed}" if command.unseen or len(command.seeds) > 1 else ""
                 on_step = track_episodes(progress, f"{name} on {level}{which}", len(course.starts))
                 label = Label(name, command.seed, level)
@@ -178,6 +181,7 @@ def _name_of(policy: "Policy | RecurrentPolicy", command: Evaluate) -> str:
     from thalweg.bench.evaluate.baselines import BASELINES
     from thalweg.bench.evaluate.functions import FunctionPolicy
     from thalweg.bench.packaged import PACKAGED_POLICIES
+    from thalweg.cli.flown_camera import camera_in_words
 
     if isinstance(policy, FunctionPolicy):
         name = policy.name
@@ -189,6 +193,7 @@ def _name_of(policy: "Policy | RecurrentPolicy", command: Evaluate) -> str:
         "shield": command.shield,
         "fast frames": command.quality == "fast",
         "varied looks": command.randomise,
+        (camera := camera_in_words(policy, command.policy, command.camera)): bool(camera),
     }
     return name + "".join(f" ({words})" for words, applies in unusual.items() if applies)
 

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.baselines import BASELINES, sight_of
+from thalweg.bench.evaluate.baselines import BASELINES, Constant, sight_of
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import read_episodes, write_episodes
 from thalweg.bench.evaluate.evaluation import Label, evaluate
 from thalweg.bench.evaluate.functions import FunctionPolicy, is_reference
 from thalweg.core.plugins.record import PluginError
-from thalweg.env import RiverVectorEnv
+from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env.forces.options import ForceOptions
 from thalweg.train.observations import check_policy_fits
 from thalweg.world import World
 
@@ -37,6 +38,20 @@ def test_a_function_flies_as_the_baseline_that_does_the_same(easy_world: World):
     expected = evaluate(BASELINES["forward"], Course.on(easy_world, CONFIG), LABEL, CONFIG)
     assert [(row.return_, row.length, row.reason) for row in rows] == [
         (row.return_, row.length, row.reason) for row in expected
+    ]
+
+
+def test_options_of_a_function_are_commands_of_inertial_dynamics(easy_world: World):
+    rules = ForceOptions(dynamics="inertial").applied(EnvConfig(observation="none"))
+    config = EvaluationConfig(episodes=2, env=rules)
+    course, moves = Course.on(easy_world, config), [1, 2, 0, 2]
+    policies = (
+        FunctionPolicy(lambda _: moves, name="mine", observation="privileged", source="1"),
+        Constant((1, 2, 0, 2)),
+    )
+    found, wanted = (evaluate(policy, course, LABEL, config) for policy in policies)
+    assert [(row.return_, row.length, row.reason, row.end_x) for row in found] == [
+        (row.return_, row.length, row.reason, row.end_x) for row in wanted
     ]
 
 

@@ -17,6 +17,7 @@ from thalweg.algos.policy.policy import Player
 from thalweg.bench.evaluate.baselines import DRAWN, Constant, Policy, Random, RecurrentPolicy, Sight, sight_of
 from thalweg.bench.evaluate.course import DEFAULT_EVALUATION, Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import ALL_REASONS, END_COLUMNS, Episode, flown_of_ahead, share_ahead
+from thalweg.bench.evaluate.functions import FunctionPolicy
 from thalweg.bench.evaluate.shielded import FlightShield, check_moves, check_shield
 from thalweg.core.compute.counter_random import scene_of, weather_of
 from thalweg.core.compute.device import resolve_device
@@ -101,23 +102,24 @@ def observation_function(
     *,
     shielded: bool = False,
     quality: Quality = "full",
+    camera: Camera | None = None,
 ) -> Observe | None:
     """Return the observation function of a policy in a scene; None for a policy for which nothing is drawn.
 
-    Frames are those of the camera that the policy was trained with. Only policies of codes need the `encoder`; frames
-    for them are rendered on its device, and images on the `device`.
+    Frames are those of `camera`, by default the one that the policy was trained with. Only policies of codes need the
+    `encoder`; frames for them are rendered on its device, and images on the `device`.
     If a flight is `shielded`, masks are drawn for a policy that sees nothing. Raises the errors of `sight_of`, and
     `ValueError` for a policy of codes without an encoder.
     """
-    sees = sight_of(policy)
+    sees, camera = sight_of(policy), camera or camera_of(policy)
     if sees == "images":
-        renderer = _renderer_of(scene, camera_of(policy), quality, device)
+        renderer = _renderer_of(scene, camera, quality, device)
         return image_frames(scene, observation_of(policy), renderer, device)
     if sees != "frames":
         return image_frames(scene, "mask", device=device) if shielded else None
     if encoder is None:
         raise ValueError("this policy sees frames through an encoder: give one, such as load_encoder()")
-    return encoded_frames(scene, encoder, _renderer_of(scene, camera_of(policy), quality, str(encoder.device)))
+    return encoded_frames(scene, encoder, _renderer_of(scene, camera, quality, str(encoder.device)))
 
 
 def encoded_frames(scene: World | Course, encoder: Encoder, renderer: Renderer | None = None) -> Observe:
@@ -267,12 +269,15 @@ def player_of(
 ) -> Player:
     """Return the policy in one episode of an environment, with its own memory if it has one."""
     if isinstance(policy, RecurrentPolicy):
-        return policy.player(1, deterministic=deterministic, generator=generator)
-    if env.action == "continuous" and isinstance(policy, Random | Constant):  # they choose among options
-        return lambda obs, fresh: from_unit_actions(
-            env.action, 1 - policy.act(obs, deterministic=deterministic, generator=generator), env.fast_ratio
-        )
-    return lambda obs, fresh: policy.act(obs, deterministic=deterministic, generator=generator)
+        play: Player = policy.player(1, deterministic=deterministic, generator=generator)
+    else:
+
+        def play(obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
+            return policy.act(obs, deterministic=deterministic, generator=generator)
+
+    if env.action == "continuous" and isinstance(policy, Random | Constant | FunctionPolicy):  # they choose options
+        return lambda obs, fresh: from_unit_actions(env.action, 1 - play(obs, fresh), env.fast_ratio)
+    return play
 
 
 def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:

@@ -42,7 +42,7 @@ FPS, SECONDS, STEP_S = 20, 10, 0.25
 SMOOTHED_STEPS = 1.5
 """Standard deviation in steps of the Gaussian that smooths the flight: its steps are 1 m, 0.5 m or 10 degrees."""
 CRF = 20
-FRAME_MS, WIDTH_PX, QUALITY = 250, 592, 60
+FRAME_MS, WIDTH_PX, QUALITY = 250, 800, 50
 """Time of a picture, and width and quality of WebP; the file stays below 600 kB."""
 
 

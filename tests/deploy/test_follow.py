@@ -16,9 +16,11 @@ from thalweg.deploy.export import Exportable
 from thalweg.deploy.follow import (
     BACKGROUND,
     MARGIN_PX,
+    PANEL_PX,
     QUIET,
     VIEW_PX,
     WATER_RGB,
+    Followed,
     Follower,
     cut_to,
     follow,
@@ -33,7 +35,18 @@ from thalweg.render import Camera, Look, Renderer
 from thalweg.train import load_policy
 from thalweg.world import World
 
-MOVES = moves_in_words("multidiscrete")
+MOVES, NO_MOVE = moves_in_words("multidiscrete"), np.ones(4, int)
+SEEN_AT = slice(VIEW_PX + 2 * MARGIN_PX, VIEW_PX + 2 * MARGIN_PX + PANEL_PX)
+MASK_AT = slice(SEEN_AT.stop + MARGIN_PX, SEEN_AT.stop + MARGIN_PX + PANEL_PX)
+LOW = slice(MARGIN_PX + VIEW_PX - PANEL_PX, MARGIN_PX + VIEW_PX)
+"""Columns of what the policy sees and of the mask in an overlay, and their rows."""
+
+
+def river_seen_by(camera: Camera, world: World) -> np.ndarray:
+    """Return a frame [H, W, 3] uint8 with water ahead."""
+    (x, y), (ahead_x, ahead_y) = world.river.position_m[3:5]
+    pose = np.array([[x, y, world.river.level_m[3] + 5.0, np.arctan2(ahead_y - y, ahead_x - x)]])
+    return Renderer([world], camera).render(pose)[0, ..., :3].copy()
 
 
 class Watched:
@@ -64,7 +77,7 @@ def test_frames_that_are_a_step_apart_are_read(step_s: float, every: int, shown:
 
     def watcher(frame: np.ndarray) -> Any:
         seen.append(float(frame.mean()))
-        return frame, np.ones(4, int), None
+        return Followed(frame, frame, np.ones(4, int), None)
 
     follower: Any = Watched(watcher, step_s)
     follow(tmp_path / "fast.mp4", tmp_path / "out.mp4", follower, "watcher")
@@ -111,15 +124,16 @@ def test_the_overlay_names_the_third_option_forward_by_the_training(env: dict[st
     follower = Follower(policies.of_images("rgb", env=env))
     colours = np.zeros((128, 128, 3), np.uint8)
     third, none = (
-        overlay(colours, np.array([1, 1, option, 1]), follower.moves, None, "mine", 1).astype(int) for option in (2, 1)
+        overlay(Followed(colours, colours, np.array([1, 1, option, 1]), None), follower.moves, "mine", 1).astype(int)
+        for option in (2, 1)
     )
     assert ((third != none).any(), (third > QUIET).all(-1).sum() > (none > QUIET).all(-1).sum()) == (bright, bright)
 
 
 def test_a_policy_of_colours_alone_needs_no_segmenter():
     follower = Follower(policies.of_images("rgb"))
-    colours, options, mask = follower(np.zeros((90, 160, 3), np.uint8))
-    assert colours.shape == (128, 128, 3) and options.shape == (4,) and mask is None
+    followed = follower(np.zeros((90, 160, 3), np.uint8))
+    assert followed.colours.shape == (128, 128, 3) and followed.move.shape == (4,) and followed.mask is None
 
 
 def test_what_a_video_does_not_have_is_refused():
@@ -131,7 +145,7 @@ def test_what_a_video_does_not_have_is_refused():
 
 def test_the_overlay_of_a_wide_frame_keeps_its_shape():
     colours = np.full((48, 96, 3), 200, np.uint8)
-    drawn = overlay(colours, np.ones(4, int), MOVES, np.full((48, 96), 255, np.uint8), "mine", 1)
+    drawn = overlay(Followed(colours, colours, NO_MOVE, np.full((48, 96), 255, np.uint8)), MOVES, "mine", 1)
     shown = (drawn[:, MARGIN_PX : MARGIN_PX + VIEW_PX] != BACKGROUND).any(axis=(1, 2))
     rows = np.flatnonzero(shown)
     assert (len(rows), rows[0]) == (VIEW_PX // 2, MARGIN_PX + VIEW_PX // 4)
@@ -141,7 +155,9 @@ def test_the_overlay_shades_the_water_that_was_found():
     colours = np.zeros((128, 128, 3), np.uint8)
     mask = np.zeros((128, 128), np.uint8)
     mask[64:] = 255
-    dry, wet = (overlay(colours, np.ones(4, int), MOVES, each, "mine", 1) for each in (np.zeros_like(mask), mask))
+    dry, wet = (
+        overlay(Followed(colours, colours, NO_MOVE, each), MOVES, "mine", 1) for each in (np.zeros_like(mask), mask)
+    )
     changed = (dry != wet).any(axis=-1)
     assert changed[16 + 192 : 16 + 384, 16 : 16 + 384].mean() > 0.98 and not changed[16 : 16 + 180, 16 : 16 + 384].any()
     np.testing.assert_allclose(wet[16 + 300, 100], 0.45 * np.array(WATER_RGB), atol=1)
@@ -166,10 +182,42 @@ def test_another_file_is_refused_and_nothing_is_written(tmp_path: Path, capsys: 
     assert not out.exists()
 
 
-def test_sides_that_the_segmenter_does_not_take_are_refused(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(Exportable, "camera", Camera(height_px=120, width_px=128))
-    with pytest.raises(ExportError, match=r"frames of 120 x 128 pixels .* multiples of 16"):
-        Follower(policies.of_images("rgb+mask"), load_segmenter())
+@pytest.mark.parametrize("sees", ["rgb", "mask", "rgb+mask"])
+def test_the_picture_that_the_policy_sees_stands_unshaded_beside_the_mask(sees: str, easy_world: World):
+    follower = Follower(policies.of_images(sees), load_segmenter())
+    followed = follower(river_seen_by(Camera(), easy_world))
+    assert followed.mask is not None and 0 < followed.mask.mean() < 255
+    given = {"rgb": followed.colours, "mask": followed.mask[..., None]}
+    np.testing.assert_array_equal(followed.seen, np.concatenate([given[each] for each in sees.split("+")], axis=-1))
+    drawn = overlay(followed, follower.moves, "mine", 1)
+    twice = followed.mask.repeat(2, 0).repeat(2, 1)[..., None].repeat(3, 2)
+    np.testing.assert_array_equal(drawn[LOW, MASK_AT], twice)
+    picture = twice if sees == "mask" else followed.colours.repeat(2, 0).repeat(2, 1)
+    np.testing.assert_array_equal(drawn[LOW, SEEN_AT], picture)
+
+
+def test_a_picture_that_is_larger_than_its_place_is_not_smoothed():
+    colours = (np.indices((600, 300)).sum(0)[..., None].repeat(3, 2) % 2 * 255).astype(np.uint8)
+    drawn = overlay(Followed(colours, colours, NO_MOVE, None), MOVES, "mine", 1)
+    shown = drawn[LOW, SEEN_AT][:, PANEL_PX // 4 : PANEL_PX // 4 + PANEL_PX // 2]
+    assert set(np.unique(shown)) == {0, 255}
+
+
+@pytest.mark.parametrize("size", [(120, 128), (90, 161)])
+def test_frames_of_any_size_are_padded_for_the_segmenter(
+    size: tuple[int, int], easy_world: World, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(Exportable, "camera", Camera(*size))
+    segmenter, frame = load_segmenter(), river_seen_by(Camera(*size), easy_world)
+    below, right = -size[0] % 16, -size[1] % 16
+    padded = np.pad(frame, ((0, below), (0, right), (0, 0)), mode="edge")
+    wanted = water_in(segmenter, padded[None])[0, : size[0], : size[1]]
+    np.testing.assert_array_equal(water_in(segmenter, frame[None])[0], wanted)
+    follower = Follower(policies.of_images("rgb"), segmenter)
+    monkeypatch.setattr(follower, "_player", lambda seen, _: NO_MOVE[None])
+    followed = follower(frame)
+    assert followed.mask is not None and 0 < wanted.mean() < 1
+    np.testing.assert_array_equal(followed.mask, wanted * np.uint8(255))
 
 
 def test_a_video_that_does_not_say_its_rate_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -1,4 +1,4 @@
-"""Overlays of videos: the water that is found in each frame, and the move that a policy chooses.
+"""Overlays of videos: the water that is found in each frame, what a policy sees, and the move that it chooses.
 
 The policy has no effect on the video. It sees the middle of each frame, cut to the shape of its camera.
 """
@@ -6,7 +6,7 @@ The policy has no effect on the video. It sees the middle of each frame, cut to 
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -15,15 +15,30 @@ from thalweg.core.atomic_io import atomic_path
 from thalweg.core.video import Video, VideoError, open_video, write_video
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.export import Exportable
-from thalweg.encoder.water import SIDES, WaterSegmenter, water_in
+from thalweg.encoder.water import WaterSegmenter, water_in
 
-VIEW_PX, PANEL_PX, MARGIN_PX = 384, 176, 16
-"""Sides of the frame and of the panel beside it, and the margin around them, in pixels."""
+VIEW_PX, PANEL_PX, MARGIN_PX = 384, 256, 16
+"""Sides of the frame and of the two panels beside it, and the margin around them, in pixels."""
 CRF = 22
 """Constant rate factor of overlays."""
 WATER_RGB, SHADE = (40, 120, 255), 0.45
 TEXT, QUIET, BACKGROUND = (235, 235, 235), (110, 118, 126), (24, 28, 32)
 LINE_PX = 22
+SEEN = {1: "water mask", 3: "colours", 4: "colours and mask"}
+"""What an image with so many channels shows."""
+
+
+class Followed(NamedTuple):
+    """One step of a policy; H and W are those of its camera."""
+
+    colours: np.ndarray
+    """[H, W, 3] uint8, the middle of the frame."""
+    seen: np.ndarray
+    """[H, W, C] uint8, the image that the policy, or its encoder, is given: colours, the water mask, or both."""
+    move: np.ndarray
+    """Options int64 [4], or numbers float32 [4] in -1..1."""
+    mask: np.ndarray | None
+    """[H, W] uint8, 255 where water was found; None without a segmenter."""
 
 
 class Follower:
@@ -32,8 +47,8 @@ class Follower:
     def __init__(self, policy: Any, segmenter: WaterSegmenter | None = None) -> None:
         """Prepare a policy; `segmenter` finds the water for the mask.
 
-        Raises the errors of `Exportable.of`, and `ExportError` for a policy that takes proprioception, masks without a
-        `segmenter`, or frames whose sides a `segmenter` does not take.
+        Raises the errors of `Exportable.of`, and `ExportError` for a policy that takes proprioception, or masks without
+        a `segmenter`.
         """
         self.chosen = chosen = Exportable.of(policy)
         if "proprioception" in chosen.inputs:
@@ -47,20 +62,11 @@ class Follower:
         """What the options of each branch do, or +1, 0 and -1."""
         self.step_s = chosen.steps["seconds"]
         """Seconds of a step in the policy's training."""
-        if segmenter is not None and any(side % SIDES for side in self.size_px):
-            raise ExportError(
-                f"the policy sees frames of {camera.height_px} x {camera.width_px} pixels (height x width); finding the"
-                f" water needs sides that are multiples of {SIDES}"
-            )
         self._player = chosen.policy.player(1, deterministic=True)
         self._fresh = True
 
-    def __call__(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Return colours [H, W, 3] uint8, options int64 [4] or numbers float32 [4] of the move, and the water mask
-        [H, W] uint8 of a frame [H', W', 3] uint8.
-
-        H and W are those of the policy's camera. The mask is None without a segmenter.
-        """
+    def __call__(self, frame: np.ndarray) -> Followed:
+        """Return what the policy sees of a frame [H', W', 3] uint8, and its move."""
         colours = cut_to(frame, self.size_px)
         mask = None
         if self.segmenter is not None:
@@ -69,12 +75,11 @@ class Follower:
         if "mask" in self.chosen.sees:
             assert mask is not None
             parts.append(mask[..., None])
-        seen = np.concatenate(parts, axis=-1)[None]
-        if self.chosen.encoder is not None:
-            seen = self.chosen.encoder(seen)
-        options = self._player(seen, np.array([self._fresh]))[0]
+        seen = np.concatenate(parts, axis=-1)
+        given = seen[None] if self.chosen.encoder is None else self.chosen.encoder(seen[None])
+        move = self._player(given, np.array([self._fresh]))[0]
         self._fresh = False
-        return colours, options, mask
+        return Followed(colours, seen, move, mask)
 
 
 def cut_to(frame: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
@@ -96,50 +101,60 @@ def frames_of_step(video: Video, path: Path, step_s: float) -> int:
     return max(round(video.fps * step_s), 1)
 
 
-def overlay(
-    colours: np.ndarray,
-    options: np.ndarray,
-    moves: Mapping[str, tuple[str, str, str]],
-    mask: np.ndarray | None,
-    title: str,
-    step: int,
-) -> np.ndarray:
-    """Return the overlay [h, w, 3] uint8 of one step.
+def overlay(followed: Followed, moves: Mapping[str, tuple[str, str, str]], title: str, step: int) -> np.ndarray:
+    """Return the overlay [h, w, 3] uint8 of one step: the frame with the water shaded, what the policy sees as it is
+    given, and the mask.
 
     Args:
-        colours: [H, W, 3] uint8.
-        options: int64 [4] or float32 [4] in -1..1, the policy's move.
+        followed: The step.
         moves: What the options of each branch do, as `thalweg.env.spaces.moves_in_words` returns it.
-        mask: [H, W] uint8, above 0 where water was found; None to show none.
         title: Name of the policy.
         step: Number of the step, from 1.
     """
     height = VIEW_PX + 2 * MARGIN_PX
-    canvas = Image.new("RGB", (VIEW_PX + PANEL_PX + 3 * MARGIN_PX, height), BACKGROUND)
-    shaded = colours.astype(np.float32)
-    if mask is not None:
-        shaded[mask > 0] = (1 - SHADE) * shaded[mask > 0] + SHADE * np.array(WATER_RGB, np.float32)
-    _paste(canvas, Image.fromarray(shaded.astype(np.uint8)), VIEW_PX, (MARGIN_PX, MARGIN_PX))
-    left, draw, font = VIEW_PX + 2 * MARGIN_PX, ImageDraw.Draw(canvas), ImageFont.load_default(size=15)
+    canvas = Image.new("RGB", (VIEW_PX + 2 * PANEL_PX + 4 * MARGIN_PX, height), BACKGROUND)
+    _paste(canvas, Image.fromarray(_shaded(followed)), VIEW_PX, (MARGIN_PX, MARGIN_PX))
+    draw, font = ImageDraw.Draw(canvas), ImageFont.load_default(size=15)
+    left, right = VIEW_PX + 2 * MARGIN_PX, VIEW_PX + PANEL_PX + 3 * MARGIN_PX
     for line, text in enumerate((title, f"step {step}")):
         draw.text((left, MARGIN_PX + line * LINE_PX), text, TEXT, font)
-    for branch, (names, option) in enumerate(zip(moves.values(), options, strict=True)):
-        name = move_in_words(names, option)
-        at = (left, MARGIN_PX + (3 + branch) * LINE_PX)
+    for line, (names, choice) in enumerate(zip(moves.values(), followed.move, strict=True)):
+        name = move_in_words(names, choice)
+        at = (right, MARGIN_PX + line * LINE_PX)
         draw.text(at, name if name != "none" else "-", QUIET if name == "none" else TEXT, font)
-    if mask is not None:
-        top = height - MARGIN_PX - PANEL_PX
-        _paste(canvas, Image.fromarray(mask), PANEL_PX, (left, top))
-        draw.text((left, top - LINE_PX), "water found", TEXT, font)
+    top, channels = height - MARGIN_PX - PANEL_PX, followed.seen.shape[-1]
+    draw.text((left, top - LINE_PX), f"the policy sees: {SEEN[channels]}", TEXT, font)
+    picture = followed.seen[..., 0] if channels == 1 else followed.seen[..., :3]
+    _paste(canvas, Image.fromarray(picture), PANEL_PX, (left, top), smooth=False)
+    if followed.mask is not None:
+        draw.text((right, top - LINE_PX), "water found", TEXT, font)
+        _paste(canvas, Image.fromarray(followed.mask), PANEL_PX, (right, top), smooth=False)
     return np.asarray(canvas)
 
 
-def _paste(canvas: Image.Image, picture: Image.Image, side_px: int, corner: tuple[int, int]) -> None:
-    """Paste a picture into the middle of a square, as large as fits; `corner`: left and upper end of the square."""
+def _shaded(followed: Followed) -> np.ndarray:
+    """Return the colours [H, W, 3] uint8 of a step, shaded where water was found."""
+    shaded = followed.colours.astype(np.float32)
+    if followed.mask is not None:
+        water = followed.mask > 0
+        shaded[water] = (1 - SHADE) * shaded[water] + SHADE * np.array(WATER_RGB, np.float32)
+    return shaded.astype(np.uint8)
+
+
+def _paste(
+    canvas: Image.Image, picture: Image.Image, side_px: int, corner: tuple[int, int], *, smooth: bool = True
+) -> None:
+    """Paste a picture into the middle of a square, whose left and upper end is the `corner`, as large as fits.
+
+    Without smoothing, pixels stay as they are, and a picture that fits is enlarged by a whole factor.
+    """
     scale = side_px / max(picture.size)
+    if not smooth and scale > 1:
+        scale = int(scale)
     width, height = (max(round(scale * side), 1) for side in picture.size)
     at = corner[0] + (side_px - width) // 2, corner[1] + (side_px - height) // 2
-    canvas.paste(picture.resize((width, height)).convert("RGB"), at)
+    way = Image.Resampling.BICUBIC if smooth else Image.Resampling.NEAREST
+    canvas.paste(picture.resize((width, height), way).convert("RGB"), at)
 
 
 def move_in_words(names: tuple[str, ...], choice: np.number) -> str:
@@ -160,9 +175,9 @@ def follow(path: Path, out: Path, follower: Follower, title: str) -> np.ndarray:
 
     def overlays(frames: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
         for frame in frames:
-            colours, options, mask = follower(frame)
-            taken.append(options)
-            yield overlay(colours, options, follower.moves, mask, title, len(taken))
+            followed = follower(frame)
+            taken.append(followed.move)
+            yield overlay(followed, follower.moves, title, len(taken))
 
     with open_video(path) as video, atomic_path(out) as draft:
         every = frames_of_step(video, path, follower.step_s)

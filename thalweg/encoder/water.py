@@ -20,7 +20,7 @@ BLOCK = 2
 WIDTHS = (24, 48, 64, 96)
 """Channels of each level, from blocks of 2 x 2 pixels to those of 16 x 16."""
 SIDES = BLOCK * 2 ** (len(WIDTHS) - 1)
-"""The sides of an image must be multiples of this number of pixels."""
+"""The sides of an image must be multiples of this number of pixels; `water_in` pads others."""
 KIND = "finder of water"
 PACKAGED_WATER = Path(__file__).with_name("water.safetensors")
 """File of the network that comes with the package; it was trained on frames under all looks."""
@@ -78,11 +78,18 @@ def load_segmenter(path: Path = PACKAGED_WATER) -> WaterSegmenter:
 
 @torch.inference_mode()
 def water_in(segmenter: WaterSegmenter, colours: np.ndarray) -> np.ndarray:
-    """Return the water mask bool [K, H, W] of colours [K, H, W, 3], uint8 or 0..1."""
+    """Return the water mask bool [K, H, W] of colours [K, H, W, 3], uint8 or 0..1.
+
+    Sides that are no multiples of `SIDES` are continued below and on the right by the values of the edge for the
+    network; its mask there is cut off.
+    """
+    height, width = colours.shape[1:3]
+    beyond = (0, -height % SIDES), (0, -width % SIDES)
+    colours = np.pad(colours, ((0, 0), *beyond, (0, 0)), mode="edge")
     predictions = [
         (segmenter(colours_of(colours[start : start + CHUNK])) > 0).numpy() for start in range(0, len(colours), CHUNK)
     ]
-    return np.concatenate(predictions)
+    return np.concatenate(predictions)[:, :height, :width]
 
 
 def mean_iou(found: np.ndarray, truth: np.ndarray) -> float:

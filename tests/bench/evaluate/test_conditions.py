@@ -140,7 +140,10 @@ def test_each_condition_has_a_folder_in_the_results(tmp_path: Path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"levels": ("Esay",)}, "condition it: unknown level 'Esay'; known: Easy, Medium, Hard"),
+        (
+            {"levels": ("Esay",)},
+            r"condition it: unknown level 'Esay' \(did you mean 'Easy'\?\); known: Easy, Medium, Hard",
+        ),
         ({"rivers": ("Rhine",)}, "condition it: unknown river 'Rhine'; known: Cam"),
         ({"varied": ("fog",)}, "condition it: unknown range 'fog'.*; known: .*haze"),
         ({"name": "my/own"}, "a condition is called 'my/own'"),

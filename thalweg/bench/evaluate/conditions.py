@@ -1,30 +1,18 @@
 """Conditions of evaluation: the paper's main one, and others that vary actions, rivers or appearance."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from pydantic import model_validator
 
-import thalweg.world
 from thalweg.bench.csv_files import ResultsError
-from thalweg.core.config import TupleOf, frozen_config, to_plain
+from thalweg.bench.evaluate.rivers import NAME, RIVERS, check_files, reaches_of, refuse_unknown_levels
+from thalweg.core.config import TupleOf, frozen_config, refuse_unknown, to_plain
 from thalweg.render.errors import RenderError
 from thalweg.render.records.randomisation import Randomisation
-from thalweg.world import LEVELS, Reach
-from thalweg.world.real.selection import Selection
+from thalweg.world import Reach
 
-NAME = re.compile(r"\w+([-.]\w+)*")
-"""Names that arms and conditions may have, since files and folders are named after them."""
-_FILES = Path(thalweg.world.__file__).parent / "real" / "rivers"
-RIVERS = {
-    "Cam": Reach(_FILES / "cam.geojson", start_m=700.0, length_m=300.0),
-    "Wear": Reach(_FILES / "wear.geojson", start_m=450.0, length_m=300.0),
-    "Cherwell": Reach(_FILES / "cherwell.geojson", start_m=450.0, length_m=300.0),
-}
-"""Real rivers, by the name that stands in place of a level in results."""
 SUN = ("sun_azimuth_deg", "sun_elevation_deg")
 
 
@@ -36,7 +24,8 @@ class Condition:
     name: str = ""
     """Name of the condition in results; empty for the main one, which every suite has."""
     levels: TupleOf[str] = ()
-    """Levels to fly on; if empty, all test levels of the suite, or none if there are `rivers`."""
+    """Levels to fly on, also with other banks, such as Medium+meadow; if empty, all test levels of the suite, or none
+    if there are `rivers`."""
     rivers: TupleOf[str] = ()
     """Real rivers to fly on, of `RIVERS` or `files`."""
     files: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -58,10 +47,13 @@ class Condition:
         if self.name and not NAME.fullmatch(self.name):
             raise ValueError(f"a condition is called {self.name!r}; letters, digits, - and . will do")
         self._check_files()
-        for what, names, known in (("level", self.levels, LEVELS), ("river", self.rivers, {**RIVERS, **self.files})):
+        try:
+            refuse_unknown_levels(self.levels)
+            refuse_unknown("river", self.rivers, {**RIVERS, **self.files}, ValueError)
+        except ValueError as error:
+            raise ValueError(f"condition {self.name}: {error}") from error
+        for what, names in (("level", self.levels), ("river", self.rivers)):
             for name in names:
-                if name not in known:
-                    raise ValueError(f"condition {self.name}: unknown {what} {name!r}; known: {', '.join(known)}")
                 if names.count(name) > 1:
                     raise ValueError(f"{what} {name!r} is named twice in {what}s of condition {self.name}")
         if self.rivers and (self.levels or self.unseen):
@@ -73,29 +65,14 @@ class Condition:
 
     def _check_files(self) -> None:
         """Raise `ValueError` for a file that is not there, an option that is wrong, or a name that is taken."""
-        for name, options in self.files.items():
-            if not NAME.fullmatch(name):
-                raise ValueError(f"a river is called {name!r}; letters, digits, - and . will do")
-            if name in RIVERS or name in LEVELS:
-                raise ValueError(f"condition {self.name}: the name {name!r} is that of another river")
+        for name in self.files:
             if name not in self.rivers:
                 raise ValueError(f"condition {self.name}: {name!r} has a file, but is not in its rivers")
-            known = ("file", *Selection.__dataclass_fields__)
-            if unknown := [key for key in options if key not in known]:
-                raise ValueError(f"river {name}: unknown option {unknown[0]!r}; known: {', '.join(known)}")
-            if not isinstance(options.get("file"), str):
-                raise ValueError(f"river {name}: file must be the path of a file, not {options.get('file')!r}")
-            reach = self.river(name)
-            reach.check_options()
-            if not reach.path.is_file():
-                raise ValueError(f"river {name}: {reach.path}: there is no such file")
+        check_files(self.files, f"condition {self.name}: ")
 
     def river(self, name: str) -> Reach:
         """Return the real river with a name."""
-        if name in RIVERS:
-            return RIVERS[name]
-        options = dict(self.files[name])
-        return Reach(Path(options.pop("file")), **options)
+        return RIVERS[name] if name in RIVERS else reaches_of(self.files)[name]
 
     @property
     def randomisation(self) -> Randomisation | None:
@@ -123,7 +100,7 @@ class Trial:
     """One evaluation of a policy: a river, and the condition."""
 
     level: str
-    """A level, or a real river of the condition."""
+    """A level, or a real river of the condition or the suite."""
     condition: Condition = MAIN
 
     def __str__(self) -> str:

@@ -14,7 +14,7 @@ import torch
 
 from thalweg.algos.policy.policy_file import About
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.conditions import NAME
+from thalweg.bench.evaluate.rivers import NAME
 from thalweg.core import versions
 from thalweg.core.plugins.loading import object_named
 from thalweg.core.plugins.record import RESERVED

@@ -24,7 +24,7 @@ from thalweg.encoder import Encoder
 from thalweg.render import Camera
 from thalweg.train import load_policy
 from thalweg.train.observations import FRAMES, camera_of, check_policy_fits, observation_of
-from thalweg.train.river import RiverTraining, load_compatible_encoder
+from thalweg.train.river import RiverTraining, announce_build, load_compatible_encoder
 
 STAGES = ".before"
 """Folder within a run's folder that holds the runs of earlier stages."""
@@ -34,6 +34,7 @@ def installed_versions() -> dict[str, int | None]:
     """Return all versions that results can depend on; None for a packaged policy that this copy lacks."""
     return {
         "world": versions.WORLD,
+        "banks": versions.BANKS,
         "render": versions.RENDER,
         "rules": versions.RULES,
         "tasks": versions.TASKS,
@@ -101,10 +102,12 @@ class RiverBackend:
         condition, level, config = trial.condition, trial.level, self.config(trial)
         if condition.unseen:
             return Course.unseen(level, config, drawn=drawn)
-        real = level in condition.rivers
-        course = (
-            Course.on(condition.river(level).build(), config) if real else Course.of_level(level, config, drawn=drawn)
-        )
+        ground = condition.river(level) if level in condition.rivers else self.suite.ground(level)
+        if isinstance(ground, str):
+            course = Course.of_level(ground, config, drawn=drawn)
+        else:
+            announce_build(ground, 0)
+            course = Course.on(ground.build(), config)
         return [course if condition.randomisation is None else course.varied(condition.randomisation, config)]
 
     def train(self, run: Run, folder: Path) -> None:
@@ -119,7 +122,7 @@ class RiverBackend:
 
     def _train(self, run: Run, stage: Stage | Arm, level: str, folder: Path, begin_with: Path | None) -> None:
         seeds, seen = self.suite.seeds_of(self.suite.arm(run.algorithm), stage), self.suite.observation_of(run)
-        RiverTraining(level, self.suite.num_envs, seeds, self.suite.training_rules).train(
+        RiverTraining(self.suite.ground(level), self.suite.num_envs, seeds, self.suite.training_rules).train(
             stage.algorithm,
             self.encoder(run) if seen == FRAMES else None,
             observation=seen,

@@ -79,7 +79,7 @@ def run_suite(
         only: Names of policies or runs to execute now, see `selected_runs`; all by default.
 
     Raises `ResultsError`, before anything runs, for a folder of another suite, and for a name in `only` that the suite
-    does not have, and `ConfigError` for a task whose deadline nobody can meet.
+    does not have, and the errors of `check_feasible`.
     """
     console = console or Console()
     requested = selected_runs(suite, only)
@@ -150,17 +150,37 @@ def claim(folder: Path, suite: Suite) -> None:
     except ResultsError as error:
         raise ResultsError(f"{folder} cannot be resumed: {error}; choose another folder") from error
     recorded, requested = comparable(record, suite)
+    before = _rivers_of(recorded)
+    for place, river in _rivers_of(requested).items():
+        RESULTS_FOLDER.require_same_file(folder, before.get(place, {}), river)
     RESULTS_FOLDER.require_same(folder, recorded, requested)
 
 
 def comparable(record: dict[str, Any], suite: Suite) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return a suite's record in a folder and that of a suite so that their differences can be named, with their arms
     by name."""
-    usual = {"observation": "frames", "encoder": "default", "world_seeds": [], "policies": []}  # not written
+    usual = {
+        "observation": "frames",
+        "encoder": "default",
+        "world_seeds": [],
+        "policies": [],
+        "rivers": {},
+    }  # not written
     usual |= {"task": "River", "hard": False, "forces": {}, "views": {}}
     requested = usual | json.loads(json.dumps(suite.as_data()))
     recorded = usual | {key: value for key, value in record.items() if key in requested}
     return _arms_by_name(recorded), _arms_by_name(requested)
+
+
+def _rivers_of(record: dict[str, Any]) -> dict[tuple[str, str], dict[str, Any]]:
+    """Return the real rivers of a suite's record by condition and name; the condition of those in place of levels is
+    empty."""
+    conditions = {condition["name"]: condition["rivers"] for condition in record.get("conditions", [])}
+    return {
+        (of, name): river
+        for of, rivers in ({"": record["rivers"]} | conditions).items()
+        for name, river in rivers.items()
+    }
 
 
 def _arms_by_name(record: dict[str, Any]) -> dict[str, Any]:
@@ -170,14 +190,13 @@ def _arms_by_name(record: dict[str, Any]) -> dict[str, Any]:
 
 def versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
     """Return the current versions of what a run depends on."""
+    where: dict[str, Any] = {"task": suite.task, "forces": suite.forces.push, "banks": suite.has_banks}
     if run.kind == "function":
         seen, encoder = suite.observation_of(run) or FRAMES, suite.encoder_of(run)
-        made = current_versions(
-            run.kind, (), observation=seen, encoder=encoder, task=suite.task, forces=suite.forces.push
-        )
+        made = current_versions(run.kind, (), observation=seen, encoder=encoder, **where)
         return made | {run.algorithm: suite.function(run.algorithm).policy.version}
     if run.kind != "train":
-        return current_versions(run.kind, [run.algorithm], task=suite.task, forces=suite.forces.push)
+        return current_versions(run.kind, [run.algorithm], **where)
     arm = suite.arm(run.algorithm)
     stages = [*arm.before, arm]
     return current_versions(
@@ -189,8 +208,7 @@ def versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
             (stage.algorithm, stage.settings, stage.preset) for stage in stages
         ),
         begins_with_packaged=bool(arm.begin_with),
-        task=suite.task,
-        forces=suite.forces.push,
+        **where,
     )
 
 

@@ -81,8 +81,11 @@ def points_of(points: Sequence[FrontPoint], task: str, level: str, rivers: str =
 
 def packaged_points(task: str, level: str, rivers: str = FIXED) -> list[FrontPoint]:
     """Return the points of a task on some rivers of a level that come with the package, by rising cost; none where one
-    of them is of another version of the tasks than today's, since what is left of a front ends elsewhere."""
-    points = points_of(read_fronts(), task, level, rivers)
+    of them is of another version of the tasks than today's, since what is left of a front ends elsewhere.
+
+    A level with other banks has the points of the same one with forest, since no rule knows banks.
+    """
+    points = points_of(read_fronts(), task, level.partition("+")[0], rivers)
     return points if all(point.tasks == versions.TASKS for point in points) else []
 
 

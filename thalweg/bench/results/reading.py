@@ -37,6 +37,7 @@ from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.record import (
     arms_of,
     encoder_of,
+    has_banks,
     has_forces,
     observation_of,
     read_suite,
@@ -187,7 +188,7 @@ def _labelled(runs: _Runs, suite: Mapping[str, Any]) -> tuple[_Runs, dict[str, O
 def versions_today(suite: Mapping[str, Any], policy: str, recorded: Versions) -> dict[str, int | None]:
     """The versions that a policy's runs have now, by the record of their suite; if that does not name it, derived from
     the recorded ones."""
-    where: dict[str, Any] = {"task": task_of(suite), "forces": has_forces(suite)}
+    where: dict[str, Any] = {"task": task_of(suite), "forces": has_forces(suite), "banks": has_banks(suite)}
     if policy in suite.get("baselines", []):
         return current_versions("baseline", [policy], **where)
     if policy == PACKAGED:

@@ -47,6 +47,7 @@ def current_versions(
     begins_with_packaged: bool = False,
     task: str = "River",
     forces: bool = False,
+    banks: bool = False,
 ) -> dict[str, int | None]:
     """The versions that a run of a kind (`train`, `baseline`, `packaged` or `function`) depends on.
 
@@ -55,13 +56,16 @@ def current_versions(
     name, and only the privileged observation does not depend on the renderer; `asymmetric_critics` is whether the
     critics of some stage see the privileged one as well, and `begins_with_packaged` whether training begins with the
     packaged policy, which sees images; baselines see nothing. Only results of a `task` beside the paper's depend on
-    the tasks, and where frames show its objects, on these; only those under `forces` on wind, current and inertia.
+    the tasks, and where frames show its objects, on these; only those under `forces` on wind, current and inertia, and
+    only those of a suite with other `banks` than forest on these.
     """
     rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if task != "River":
         rivers["tasks"] = versions.TASKS
     if task not in TASKS:
         rivers[task] = _version_of_plugin(task)
+    if banks:
+        rivers["banks"] = versions.BANKS
     if forces:
         rivers["forces"] = versions.FORCES
     if kind == "baseline":

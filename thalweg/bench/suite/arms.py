@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.conditions import NAME
 from thalweg.bench.evaluate.functions import FunctionPolicy, is_reference
+from thalweg.bench.evaluate.rivers import NAME
 from thalweg.core.config import TupleOf, WholeNumber, frozen_config, to_plain
 from thalweg.core.seeds import compact_seeds, parse_seeds
 

@@ -3,17 +3,25 @@
 A suite is checked when it is constructed: it names only what exists, and nothing twice.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator, ValidationInfo, model_validator
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.registry import algorithm_named, algorithm_names
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, SHIELDED, Condition, Trial
+from thalweg.bench.evaluate.rivers import (
+    RIVERS,
+    Files,
+    check_files,
+    is_on_banks,
+    reaches_of,
+    refuse_unknown_levels,
+)
 from thalweg.bench.packaged import PACKAGED, PACKAGED_SEES
 from thalweg.bench.suite.arms import (
     Arm,
@@ -39,8 +47,9 @@ from thalweg.env.tasks import task_names
 from thalweg.train.encoder_of_run import check_size_fits
 from thalweg.train.errors import TrainingError
 from thalweg.train.observations import FRAMES, IMAGES, PRIVILEGED
+from thalweg.train.river import RiverTraining
 from thalweg.train.run import check_warmup, sees_images
-from thalweg.world import LEVELS
+from thalweg.world import Reach
 
 
 def _film(value: Any) -> Any:
@@ -52,8 +61,13 @@ Film = Annotated[Literal["packaged", "best", "none"], BeforeValidator(_film)]
 """Which flight the main film of a suite shows."""
 
 
-def _condition(value: Any) -> Any:
-    """Return the predefined condition of a name; other values unchanged."""
+def _condition(value: Any, info: ValidationInfo) -> Any:
+    """Return the predefined condition of a name; a mapping with the files of the suite that its rivers name; other
+    values unchanged."""
+    if isinstance(value, Mapping) and isinstance(named := value.get("rivers"), list | tuple):
+        of_suite = info.data.get("files") or {}
+        own = {name: of_suite[name] for name in named if isinstance(name, str) and name in of_suite}
+        return {**value, "files": {**own, **(value.get("files") or {})}} if own else value
     known = {condition.name: condition for condition in (*CONDITIONS, SHIELDED)}
     if isinstance(value, str) and value not in known:
         raise ValueError(f"unknown condition {value!r}; known: {', '.join(known)}, or a mapping of your own")
@@ -67,7 +81,9 @@ class Suite:
     name: str
     arms: TupleOf[Arm]
     train_level: str = "Medium"
+    """Level to train on, also with other banks, such as Medium+meadow; or a real river, of `files` or the package."""
     test_levels: TupleOf[str] = ("Easy", "Medium", "Hard")
+    """Levels to fly on, and real rivers."""
     episodes: Count = 20
     """Starts per level, each flown once by each policy."""
     starts_seed: Seed = 0
@@ -80,6 +96,9 @@ class Suite:
     """Functions that are flown without training."""
     packaged: bool = True
     """Whether the policy that comes with the package is evaluated too."""
+    files: Files = field(default_factory=dict)
+    """Files of real rivers by the names that stand in place of a level, here and in results: `file`, its path, and
+    options such as `start_m`, which are the fields of `thalweg.world.real.selection.Selection`."""
     conditions: TupleOf[Annotated[Condition, BeforeValidator(_condition)]] = ()
     """Conditions under which policies are flown, besides the main one."""
     observation: Observation = "frames"
@@ -103,7 +122,9 @@ class Suite:
     @model_validator(mode="after")
     def _check(self) -> "Suite":
         try:
+            check_files(self.files)
             self._check_known()
+            self._check_rivers()
             self._check_repeated()
             self._check_actions()
             self._check_views()
@@ -139,15 +160,38 @@ class Suite:
     def _check_known(self) -> None:
         """Raise `ValueError` for an algorithm, a level or a baseline that does not exist."""
         stages = [stage for arm in self.arms for stage in arm.before]
-        levels = [arm.level for arm in self.arms if arm.level] + [stage.level for stage in stages]
+        refuse_unknown_levels(self.grounds, self.reaches)
         for what, names, known in (
             ("algorithm", [each.algorithm for each in (*self.arms, *stages)], algorithm_names()),
-            ("level", [self.train_level, *self.test_levels, *levels], LEVELS),
             ("baseline", self.baselines, BASELINES),
             ("task", [self.task], task_names()),
             ("encoder", {self.encoder, *(arm.encoder or self.encoder for arm in self.arms)}, encoder_names()),
         ):
             refuse_unknown(what, names, known, ValueError)
+
+    def _check_rivers(self) -> None:
+        """Raise `ValueError` for a file that is not used, a real river with two files, and for trainings and flights
+        that are for levels alone."""
+        for condition in self.conditions:
+            for name in condition.files:
+                if name in self.files and condition.river(name) != self.reaches[name]:
+                    raise ValueError(f"river {name}: condition {condition.name} has another file, or other options")
+        used = {*self.grounds, *(name for condition in self.conditions for name in condition.rivers)}
+        if unused := [name for name in self.files if name not in used]:
+            raise ValueError(f"{unused[0]!r} of files is neither trained on nor flown on: leave it out")
+        real = [name for name in self.test_levels if name in self.reaches]
+        unseen = [each.name for each in self.conditions if each.unseen and not each.levels]
+        if real and unseen:
+            raise ValueError(
+                f"condition {unseen[0]}: {real[0]} is a real river, whose seeds change plants and hills, not its"
+                f" course: give the condition levels of its own, such as {{name: {unseen[0]}, unseen: true, levels:"
+                " [Medium]}"
+            )
+        for arm in self.arms:
+            for stage in (*arm.before, arm):
+                ground = self.ground(stage.level or self.train_level)
+                if isinstance(ground, Reach):  # for levels, training itself raises it
+                    RiverTraining(ground, self.num_envs, self.seeds_of(arm, stage), self.training_rules)
 
     def _check_actions(self) -> None:
         """Raise `ValueError` for rules that do not go together, and for discrete actions where they are continuous."""
@@ -197,6 +241,8 @@ class Suite:
         if repeated := _same_folder(labels):
             raise ValueError(f"{repeated}; give one of them a name of its own")
         refuse_repeated("level", "test_levels", self.test_levels)
+        if repeated := _same_folder(self.test_levels):
+            raise ValueError(f"test_levels: {repeated}")
         names = [condition.name for condition in self.conditions]
         for name in names:
             if not name:
@@ -256,6 +302,27 @@ class Suite:
         arm = self.arm(run.algorithm)
         return [stage.algorithm for stage in (*arm.before, arm)]
 
+    @property
+    def reaches(self) -> dict[str, Reach]:
+        """Real rivers that may stand in place of a level, by name."""
+        return {**RIVERS, **reaches_of(self.files)}
+
+    @property
+    def grounds(self) -> list[str]:
+        """Names of all levels and real rivers that are trained on, or flown on in place of a level."""
+        trained = [stage.level or self.train_level for arm in self.arms for stage in (*arm.before, arm)]
+        return list(dict.fromkeys([self.train_level, *trained, *self.test_levels]))
+
+    @property
+    def has_banks(self) -> bool:
+        """Whether banks other than forest are trained on, or flown on in place of a level."""
+        own = (level for condition in self.conditions for level in condition.levels)
+        return any(is_on_banks(name, self.reaches) for name in (*self.grounds, *own))
+
+    def ground(self, name: str) -> str | Reach:
+        """Return the real river with a name, or the name itself if it is a level's."""
+        return self.reaches.get(name, name)
+
     def level_of(self, arm: Arm) -> str:
         """Return the level of an arm's last stage of training."""
         return arm.level or self.train_level
@@ -278,6 +345,14 @@ class Suite:
         own = self.arm(run.algorithm).encoder if run.kind == "train" else own
         return own or self.encoder
 
+    def _rivers_as_data(self) -> dict[str, Any]:
+        """Return the real rivers in place of levels as plain data, identified by their content, and which of them have
+        other banks; nothing without any, as before there were some."""
+        named = [name for name in self.grounds if name in self.reaches]
+        banks = {name: {"has_banks": True} for name in named if is_on_banks(name, self.reaches)}
+        rivers = {name: self.reaches[name].as_data() | banks.get(name, {}) for name in named}
+        return {"rivers": rivers} if rivers else {}
+
     def as_data(self) -> dict[str, Any]:
         """Return the suite as plain data for JSON; without an observation of frames, the default encoder, seeds of
         rivers if there are none, and the paper's task in still air, as before there were others, and without what is
@@ -288,8 +363,13 @@ class Suite:
         functions = {"policies": [each.as_data() for each in self.policies]} if self.policies else {}
         chosen = {"forces": self.forces.as_data(), "views": self.views.as_data()}
         data = without(to_plain(self) | chosen, **usual) | rivers_as_data(self.world_seeds)
-        del data["policies"]
-        return data | functions | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
+        del data["policies"], data["files"]
+        return (
+            data
+            | self._rivers_as_data()
+            | functions
+            | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
+        )
 
 
 def _same_folder(names: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import model_validator
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.conditions import NAME
+from thalweg.bench.evaluate.rivers import NAME
 from thalweg.bench.suite.views import views_in_words
 from thalweg.core.config import TupleOf, frozen_config, parse_config
 from thalweg.env.tasks import PAPER_TASK
@@ -84,6 +84,7 @@ class SuiteRecord:
     conditions: TupleOf[ConditionRecord] = ()
     made_by: Mapping[str, Any] = field(default_factory=dict)
     observation: str = "frames"
+    rivers: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     task: str = PAPER_TASK
     hard: bool = False
     forces: Mapping[str, Any] = field(default_factory=dict)
@@ -152,15 +153,45 @@ def has_forces(record: Mapping[str, Any]) -> bool:
     return forces.get("dynamics") == "inertial" or any(each is not None for each in pushes)
 
 
+def levels_of(record: Mapping[str, Any]) -> list[str]:
+    """Return the names of all levels and real rivers of a suite's record that are trained on, or flown on as levels."""
+    stages = [stage for arm in arms_of(record) for stage in (*arm.get("before", []), arm)]
+    own = [level for condition in record.get("conditions", []) for level in condition["levels"]]
+    named = [record.get("train_level", ""), *(stage.get("level", "") for stage in stages)]
+    return [name for name in dict.fromkeys([*named, *record.get("test_levels", []), *own]) if name]
+
+
+def has_banks(record: Mapping[str, Any]) -> bool:
+    """Return whether a suite's record names a level with other banks than forest, or a real river that has some."""
+    of_files = any(river.get("has_banks") for river in record.get("rivers", {}).values())
+    return of_files or any("+" in name for name in levels_of(record))
+
+
+def rivers_in_words(record: Mapping[str, Any]) -> str:
+    """Return a sentence about the real rivers of a suite's record that stand in place of levels; empty for none."""
+    told = [f"{name} is {_reach_in_words(river)}." for name, river in record.get("rivers", {}).items()]
+    return " ".join(told)
+
+
+def _reach_in_words(river: Mapping[str, Any]) -> str:
+    """Return the file of a real river, the hash of its content, and the options that were given."""
+    usual = {"width_m": None, "start_m": 0.0, "length_m": None, "smooth_m": 0.0}
+    options = {name: value for name, value in river.items() if name not in ("file", "content", "has_banks")}
+    given = [f"{name}={value}" for name, value in options.items() if value != usual.get(name)]
+    of = f", {', '.join(given)}" if given else ""
+    return f"the real river of {river.get('file')} (content {river.get('content')}{of})"
+
+
 def has_papers_rules(record: Mapping[str, Any]) -> bool:
     """Return whether the task of a suite's record is the paper's, in still air and by steps."""
     return task_of(record) == PAPER_TASK and not has_forces(record)
 
 
 def rules_in_words(record: Mapping[str, Any]) -> str:
-    """Return sentences about the rules of a suite's record and what was seen in training; empty for the paper's rules
-    and the levels' camera."""
-    return " ".join(filter(None, (_task_in_words(record), views_in_words(dict(record.get("views", {}))))))
+    """Return sentences about the rules of a suite's record, its real rivers and what was seen in training; empty for
+    the paper's rules, levels and their camera."""
+    views = views_in_words(dict(record.get("views", {})))
+    return " ".join(filter(None, (_task_in_words(record), rivers_in_words(record), views)))
 
 
 def _task_in_words(record: Mapping[str, Any]) -> str:

@@ -199,7 +199,11 @@ WRONG = [
     (["encoder", "train", "--target", "geometry", "--randomise", "--out", "x"], "leave --randomise out"),
     (["encoder", "train", "--camera", "fov=75", "--out", "x"], "--camera has no setting 'fov'"),
     (["encoder", "train", "--target", "geometry", "--out", "/dev/null"], "/dev/null is not a folder"),
-    (["encoder", "train", "--target", "geometry", "--river", "a.gpx", "--out", "x"], "--river is for --target image"),
+    (["encoder", "train", "--target", "geometry", "--river", "a.gpx", "--out", "x"], "a.gpx: "),
+    (
+        ["encoder", "train", "--target", "geometry", "--river", "a.gpx", "--level", "easy", "--out", "x"],
+        "give --level or --river, not both: easy and a.gpx",
+    ),
     (["encoder", "train", "--target", "geometry", "--banks", "meadow", "--out", "x"], "--banks is for --target image"),
     (["encoder", "train", "--level", "Medium", "--river", "a.gpx", "--out", "x"], "give --level or --river, not both"),
     (["encoder", "train", "--target", "geometry", "--level", "medum", "--out", "x"], "Easy, Medium, Hard"),

@@ -33,9 +33,10 @@ class EncoderTrain(Command):
     """Level whose river the images show; for geometry and water several."""
     river: River = NO_FILE
     world_seeds: Annotated[tuple[str, ...], by_target("world_seeds")] = ()
-    """Seeds of rivers, such as 0 5 1000:1016 (1016 excluded); for image, the level's fixed one if none is given."""
+    """Seeds of rivers, such as 0 5 1000:1016 (1016 excluded); for image, the level's fixed one if none is given. With
+    --river: of plants and hills, for geometry and water 1000:1006 if none is given."""
     held_out_seeds: Annotated[tuple[str, ...], by_target("held_out_seeds")] = ()
-    """For geometry and water: seeds of rivers for measurement only."""
+    """For geometry and water: seeds of rivers for measurement only. With --river 3000:3002 if none is given."""
     images: Annotated[int | None, by_target("images")] = None
     """Training images; for geometry and water those of an epoch."""
     held_out: Annotated[int | None, by_target("held_out")] = None
@@ -47,7 +48,7 @@ class EncoderTrain(Command):
     tasks: Annotated[tuple[str, ...], by_target("tasks")] = ()
     """For geometry only: tasks whose views are learnt from; what a camera can tell of each is predicted too."""
     rivers_in_memory: int | None = None
-    """For geometry only: greatest number of rivers in memory; derived from the free memory by default."""
+    """For geometry only: greatest number of rivers of levels in memory; derived from the free memory by default."""
     camera: tuple[str, ...] = ()
     """Settings of the camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration."""
     quality: Annotated[Literal["full", "fast"] | None, by_target("quality")] = None
@@ -88,6 +89,22 @@ class EncoderTrain(Command):
                 "--banks is for --target image: give levels with their banks, such as --level Medium+meadow"
             )
 
+    def _grounds(self) -> dict[str, Any]:
+        """Return the rivers of a training that is judged on others: levels or a real river, and the seeds of both."""
+        from thalweg.train.encoder.grounds import REACH_SEEDS
+
+        reach = self.river.reach("--level", self.level)
+        ground = {"levels": self.level} if self.level else {}
+        seeds = {
+            name: parse_seeds(given, f"--{name.replace('_', '-')}", UsageError)
+            for name, given in self._given("world_seeds", "held_out_seeds").items()
+        }
+        return ground | seeds if reach is None else {"river": reach, **REACH_SEEDS, **seeds}
+
+    def _judged_on(self) -> str:
+        """Return on what codes or networks are judged, in words."""
+        return "rivers held out" if self.river.river is None else "the same course under other plants and hills"
+
     def _learn_images(self) -> int:
         """Train an autoencoder."""
         from thalweg.encoder import VAEConfig
@@ -126,27 +143,21 @@ class EncoderTrain(Command):
         from thalweg.train.encoder.water import WaterTraining
 
         self._refuse_options_of_image()
-        river = ["river"] if self.river != NO_FILE else []
         changed = [name for name in ("inputs", "architecture") if getattr(self, name) != getattr(type(self), name)]
-        if others := [*self._given("latent", "views", "tasks", "rivers_in_memory", "device"), *changed, *river]:
+        if others := [*self._given("latent", "views", "tasks", "rivers_in_memory", "device"), *changed]:
             option = f"--{others[0].replace('_', '-')}"
-            raise UsageError(f"{option} does not go with --target water, which learns from colours of rivers of levels")
-        seeds = {
-            name: parse_seeds(given, f"--{name.replace('_', '-')}", UsageError)
-            for name, given in self._given("world_seeds", "held_out_seeds").items()
-        }
+            raise UsageError(f"{option} does not go with --target water, which learns from colours of rivers")
         result = WaterTraining(
             self.out,
             seed=self.seed,
             camera=self._camera(),
             command=COMMAND_LINE.get(),
-            **({"levels": self.level} if self.level else {}),
-            **seeds,
+            **self._grounds(),
             **self._given("images", "held_out", "epochs", "quality"),
         ).run()
         if result.already_finished:
             tell_finished(self.out)
-        print(f"{result.path}: IoU of water {result.iou:.3f} on rivers held out, under all looks")
+        print(f"{result.path}: IoU of water {result.iou:.3f} on {self._judged_on()}, under all looks")
         return 0
 
     def _learn_geometry(self) -> int:
@@ -155,14 +166,6 @@ class EncoderTrain(Command):
         from thalweg.train.encoder.geometry import GeometryTraining, geometry_config
 
         self._refuse_options_of_image()
-        if self.river.reach("--level", self.level) is not None:
-            raise UsageError(
-                "--river is for --target image: geometry is learnt on rivers of several levels, and judged on others"
-            )
-        seeds = {
-            name: parse_seeds(given, f"--{name.replace('_', '-')}", UsageError)
-            for name, given in self._given("world_seeds", "held_out_seeds").items()
-        }
         camera = self._camera()
         settings = {"inputs": self.inputs, "architecture": self.architecture, "size_px": size_of(camera)}
         result = GeometryTraining(
@@ -171,13 +174,13 @@ class EncoderTrain(Command):
             seed=self.seed,
             camera=camera,
             command=COMMAND_LINE.get(),
-            **({"levels": self.level} if self.level else {}),
-            **seeds,
+            **self._grounds(),
             **self._given("images", "held_out", "epochs", "views", "tasks", "rivers_in_memory", "device", "quality"),
         ).run()
         if result.already_finished:
             tell_finished(self.out)
-        print(f"{result.path}, judged on rivers held out, under all looks, by R² of a linear regression on the code:")
+        judged = f"judged on {self._judged_on()}, under all looks"
+        print(f"{result.path}, {judged}, by R² of a linear regression on the code:")
         print("\n".join(result.lines))
         return 0
 

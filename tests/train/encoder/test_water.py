@@ -13,7 +13,7 @@ from thalweg.encoder import EncoderFileError, EncoderInputError
 from thalweg.encoder.files import read_tensors, write_tensors
 from thalweg.encoder.water import load_segmenter
 from thalweg.render import Camera
-from thalweg.train.encoder import water
+from thalweg.train.encoder import grounds, water
 from thalweg.train.encoder.water import WATER_FOLDER, WaterTraining, varied
 
 
@@ -43,7 +43,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         frames[..., 3] = np.where(frames[..., 2] > 127, 255, 0)
         return frames
 
-    monkeypatch.setattr(water, "load_or_build", lambda *_: None)
+    monkeypatch.setattr(grounds, "load_or_build", lambda *_: None)
     monkeypatch.setattr(water, "Renderer", lambda worlds, camera, quality: worlds)
     monkeypatch.setattr(water, "draw", noise)
     return seeds
@@ -145,7 +145,9 @@ def test_the_command_trains_and_says_from_where_it_resumes(
     [
         (["--architecture", "paper"], "--architecture does not go with --target water"),
         (["--inputs", "mask"], "--inputs does not go with --target water"),
-        (["--river", "a.gpx"], "--river does not go with --target water"),
+        (["--river", "a.gpx"], "a.gpx: "),
+        (["--river", "a.gpx", "--level", "easy"], "give --level or --river, not both: easy and a.gpx"),
+        (["--start-m", "5"], "--start-m goes with --river"),
         (["--banks", "meadow"], "give levels with their banks, such as --level Medium+meadow"),
         (["--randomise"], "--target water is learnt under varied looks in any case: leave --randomise out"),
         (["--camera", "height_px=100"], "multiples of 16 for a finder of water, not 100 and 128"),

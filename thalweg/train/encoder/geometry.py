@@ -37,13 +37,13 @@ from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.encoder.drawing import camera_as_data, size_of
+from thalweg.train.encoder.grounds import JUDGED_APART, Grounds
 from thalweg.train.encoder.probe_table import probe_data, probe_table, read_probe
 from thalweg.train.encoder.targets import mirrored_targets, shown_of, targets_of, weights_of
 from thalweg.train.encoder.views import TARGETS, KnownViews, draw_views, flight_views, start_views
 from thalweg.train.encoder_of_run import check_size_fits
 from thalweg.train.flip import flipped
-from thalweg.train.river import banks_version
-from thalweg.world import level_named
+from thalweg.world import Reach
 
 CHUNK = 1024
 """Frames that are drawn at a time."""
@@ -66,7 +66,7 @@ def geometry_config(tasks: Sequence[str] = (PAPER_TASK,), **settings: Any) -> Ge
 
 @dataclass(frozen=True)
 class GeometryTraining:
-    """A training on rivers of some levels, and its measurement on others."""
+    """A training on rivers of some levels, or of a file, and its measurement on others."""
 
     folder: Path
     """Folder of the training; an interrupted one is resumed."""
@@ -76,6 +76,9 @@ class GeometryTraining:
     """Seeds of the rivers of each level, as `thalweg.core.seeds.parse_seeds` reads them."""
     held_out_seeds: Any = "3000:3006"
     """Seeds of the rivers of each level on which the codes are judged."""
+    river: Reach | None = None
+    """A real river in place of the levels: the seeds are then those of its plants and hills, and codes are judged at
+    other places of the same course, under other ones; see `thalweg.train.encoder.grounds`."""
     tasks: tuple[str, ...] = (PAPER_TASK,)
     """Tasks whose views are learnt from, each as often; `config` is `geometry_config` of the same."""
     views: int = 96
@@ -105,7 +108,8 @@ class GeometryTraining:
         so that it needs no device.
 
         Raises `EncoderInputError` for settings out of range, `EncoderFileError` for the folder of another training or
-        one that another process is at, `WorldError` for an unknown level and `DeviceError`, before anything is drawn.
+        one that another process is at, `WorldError` for an unknown level or a file of no river, and `DeviceError`,
+        before anything is drawn.
         """
         self._check()
         path, table = self.folder / FILE, self.folder / PROBE
@@ -154,9 +158,8 @@ class GeometryTraining:
 
     def _check(self) -> None:
         """Raise an error for settings that don't fit."""
-        names = [level_named(level).name for level in self.levels]
-        if not names or len(set(names)) < len(names):
-            raise EncoderInputError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
+        self.grounds.check()
+        self.grounds.check_memory(self.rivers_in_memory)
         check_size_fits(self.camera, self.config.size_px, "that is trained", EncoderInputError)
         if self.config.targets != self.targets:
             raise EncoderInputError(
@@ -210,9 +213,14 @@ class GeometryTraining:
         """Seeds of the rivers on which codes are judged."""
         return parse_seeds(self.held_out_seeds, "held_out_seeds", EncoderInputError)
 
+    @property
+    def grounds(self) -> Grounds:
+        """The levels, or the real river."""
+        return Grounds(self.levels, self.river)
+
     def rivers(self, seeds: tuple[int, ...]) -> RiverList:
-        """Return the rivers of all levels with these seeds."""
-        return RiverList.of_levels([(level, seeds) for level in self.levels], self.rivers_in_memory)
+        """Return the rivers of all levels, or of the file, with these seeds."""
+        return self.grounds.listed(seeds, self.rivers_in_memory)
 
     def drawn(self, rivers: RiverList, quality: Quality) -> RiverVectorEnv:
         """Return an environment that draws rivers under all looks."""
@@ -222,9 +230,10 @@ class GeometryTraining:
     def _judged(self) -> "dict[str, Judged]":
         """Return frames of rivers held out, by the kind of views."""
         rivers, found = self.rivers(self.judged_seeds), {}
+        seed = self.seed if self.river is None else self.seed + JUDGED_APART
         env = self.drawn(rivers, "full")
         for number, (kind, views_of) in enumerate(KINDS.items()):
-            views = views_of(rivers, -(-self.held_out // len(rivers)), self.seed, self.tasks, self.camera)
+            views = views_of(rivers, -(-self.held_out // len(rivers)), seed, self.tasks, self.camera)
             rows = [np.flatnonzero(views.task == task)[: self.held_out] for task in range(len(self.tasks))]
             views = views.rows(np.concatenate(rows))
             frames = draw_views(env, views, np.random.default_rng([self.seed, 4, number]))
@@ -243,8 +252,7 @@ class GeometryTraining:
         seen = {"tasks": list(self.tasks), "tasks_version": versions.TASKS, "props_version": versions.PROPS}
         return {
             **({} if self._of_paper else seen),
-            "levels": [level_named(level).name for level in self.levels],
-            **banks_version(map(level_named, self.levels)),
+            **self.grounds.as_data(),
             "world_seeds": compact_seeds(self.seeds),
             "held_out_seeds": compact_seeds(self.judged_seeds),
             "views": self.views,

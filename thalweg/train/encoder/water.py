@@ -31,8 +31,8 @@ from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.encoder.drawing import Drawing, size_of
 from thalweg.train.encoder.frames import BATCH, clock_times, sample_poses
-from thalweg.train.river import banks_version
-from thalweg.world import level_named, load_or_build
+from thalweg.train.encoder.grounds import Grounds
+from thalweg.world import Reach
 
 KIND, PREFIX, CHECKPOINT, FILE = "water training", "network.", "checkpoint.safetensors", "water.safetensors"
 WATER_FOLDER = FolderKind(KIND, CHECKPOINT, EncoderFileError)
@@ -56,6 +56,9 @@ class WaterTraining:
     """Seeds of the rivers of each level for training."""
     held_out_seeds: Sequence[int] = tuple(range(3000, 3002))
     """Seeds of the rivers of each level on which the network is evaluated."""
+    river: Reach | None = None
+    """A real river in place of the levels: the seeds are then those of its plants and hills, and the network is
+    evaluated on the same course, under other ones."""
     images: int = 2048
     """Number of frames that are drawn for each epoch."""
     held_out: int = 384
@@ -69,11 +72,16 @@ class WaterTraining:
     command: str = ""
     """The command line, which is written to the file."""
 
+    @property
+    def grounds(self) -> Grounds:
+        """The levels, or the real river."""
+        return Grounds(self.levels, self.river)
+
     def run(self, *, progress: bool = True) -> "WaterResult":
         """Train, or resume; a folder whose training is finished is read, and nothing is drawn.
 
         Raises `EncoderInputError` for numbers out of range, `EncoderFileError` for the folder of another training or
-        one that another process is at, and `WorldError` for an unknown level.
+        one that another process is at, and `WorldError` for an unknown level or a file of no river.
         """
         self._check()
         run = self._identity()
@@ -97,9 +105,7 @@ class WaterTraining:
 
     def _check(self) -> None:
         """Raise an error for settings that don't fit."""
-        names = [level_named(level).name for level in self.levels]
-        if not names or len(set(names)) < len(names):
-            raise EncoderInputError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
+        self.grounds.check()
         for name in ("images", "held_out", "epochs"):
             if getattr(self, name) < 1:
                 raise EncoderInputError(f"{name} must be at least 1, not {getattr(self, name)}")
@@ -117,10 +123,7 @@ class WaterTraining:
             (self.world_seeds, self.quality),
             (self.held_out_seeds, "full"),
         )
-        shown, judged = (
-            Renderer([load_or_build(level, seed) for level in self.levels for seed in seeds], self.camera, quality)
-            for seeds, quality in views
-        )
+        shown, judged = (Renderer(self.grounds.worlds(seeds), self.camera, quality) for seeds, quality in views)
         held_out = draw(judged, self.held_out, self.seed + 1_000_003)
         threads = default_torch_threads()
         if progress:
@@ -147,8 +150,7 @@ class WaterTraining:
     def _identity(self) -> dict[str, Any]:
         """Return what distinguishes the training from others."""
         return {
-            "levels": [level_named(level).name for level in self.levels],
-            **banks_version(map(level_named, self.levels)),
+            **self.grounds.as_data(),
             "world_seeds": compact_seeds(self.world_seeds),
             "held_out_seeds": compact_seeds(self.held_out_seeds),
             "images": self.images,

@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ from thalweg.bench.execute import backend
 from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.execute.runner import run_suite, versions_of
 from thalweg.bench.fronts.fronts import packaged_points
+from thalweg.bench.report import failure_maps
 from thalweg.bench.report.html.page import _introduction
 from thalweg.bench.results.reading import read_results, versions_today
 from thalweg.bench.results.run_versions import read_versions
@@ -207,6 +209,18 @@ def test_runs_on_other_banks_depend_on_their_version(tmp_path: Path, brook: Path
         data = each.as_data()
         assert ("banks" in versions_of(each, TRAINED), has_banks(data)) == (banks, banks)
         assert versions_today(data, "PPO", {}) == versions_of(each, TRAINED)
+
+
+def test_the_report_shows_levels_on_other_banks_and_the_real_rivers_of_the_package(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(failure_maps, "load_or_build", lambda level, seed: (level.name, seed))
+    monkeypatch.setattr(Reach, "build", lambda reach, seed: (reach.name, seed))
+    flown = [SimpleNamespace(level=level, world_seed=1) for level in ("Medium+meadow", "Cam", "brook")]
+    recorded = {"Cam": RIVERS["Cam"].as_data(), "brook": {}}
+    results: Any = SimpleNamespace(episodes=flown, suite={"rivers": recorded})
+    shown = [failure_maps._world(results, row.level) for row in flown]
+    assert shown == [("Medium+meadow", 1), ("cam.geojson", 1), None]
+    recorded["Cam"]["content"] = "another"
+    assert failure_maps._world(results, "Cam") is None
 
 
 def test_records_of_suites_without_rivers_are_as_before_there_were_some():

@@ -15,6 +15,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
 from thalweg.bench.evaluate.episodes import REASON_TEXT, Episode
+from thalweg.bench.evaluate.rivers import RIVERS
 from thalweg.bench.report.figures import REASON_COLOURS, STYLE
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
@@ -99,11 +100,16 @@ def levels_from_above(results: Results) -> Figure | None:
 
 
 def _world(results: Results, level: str) -> World | None:
-    """Return the river of a level with the seed that the results name; None for several seeds or an unknown level."""
+    """Return the river of a level, or a real one of the package, with the seed that the results name; None for several
+    seeds, and for an unknown level or the river of a file, which does not lie among the results."""
     seeds = {row.world_seed for row in results.episodes if row.level == level}
-    if len(seeds) != 1 or level not in LEVELS:
+    if len(seeds) != 1:
         return None
-    return load_or_build(level_named(level), seeds.pop())
+    if level.partition("+")[0] in LEVELS:
+        return load_or_build(level_named(level), seeds.pop())
+    recorded = results.suite.get("rivers", {}).get(level)
+    reach = RIVERS.get(level)
+    return reach.build(seeds.pop()) if reach is not None and reach.as_data() == recorded else None
 
 
 def _draw_panel(axis, world: World, rows: list[Episode], failures: Sequence[str]) -> None:

@@ -22,11 +22,11 @@ def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 
 class Told:
-    """A server that sends a frame every 50 ms and ends each flight after so many."""
+    """A server that sends the `first` frames of a flight slowly, then one every 50 ms, and ends each after so many."""
 
-    def __init__(self, lengths: list[int]) -> None:
+    def __init__(self, lengths: list[int], first: int = 0) -> None:
         self.said: list[tuple[str, dict[str, Any]]] = []
-        self.now, self._lengths, self._left = 0.0, lengths, -1
+        self.now, self._lengths, self._left, self._first, self._slow = 0.0, lengths, -1, first, 0
 
     def say(self, kind: str, **about: Any) -> None:
         self.said.append((kind, about))
@@ -34,16 +34,16 @@ class Told:
     def hear(self) -> dict[str, Any]:
         starts = [about for kind, about in self.said if kind == "start"]
         if len(self._lengths) and self._left < 0:
-            self._left = self._lengths.pop(0)
+            self._left, self._slow = self._lengths.pop(0), self._first
             self.now += 9.0  # the time to begin a flight
             return {"type": "started", "options": starts[-1]["options"]}
-        self.now += 0.05
-        self._left -= 1
+        self.now += 0.5 if self._slow > 0 else 0.05
+        self._left, self._slow = self._left - 1, self._slow - 1
         return {"type": "frame", "moving": True, "ended": "" if self._left >= 0 else "lost"}
 
 
 def test_intervals_are_those_within_flights_after_their_first_frames(script: ModuleType):
-    page, case = Told([script.FIRST + 6, 1000]), script.Case(256, "pilot", "policy's view", "fastest")
+    page, case = Told([script.FIRST + 6, 1000], script.FIRST), script.Case(256, "pilot", "policy's view", "fastest")
     found = script.intervals(page, case, {"level": "Medium", "seed": 0}, 1.0, clock=lambda: page.now)
     assert found == pytest.approx([0.05] * 20)
     flight = [

@@ -268,16 +268,17 @@ def player_of(
     env: EnvConfig = DEFAULT_CONFIG,
 ) -> Player:
     """Return the policy in one episode of an environment, with its own memory if it has one."""
-    if isinstance(policy, RecurrentPolicy):
-        play: Player = policy.player(1, deterministic=deterministic, generator=generator)
-    else:
-
-        def play(obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
-            return policy.act(obs, deterministic=deterministic, generator=generator)
-
+    play = _own_player(policy, generator, deterministic=deterministic)
     if env.action == "continuous" and isinstance(policy, Random | Constant | FunctionPolicy):  # they choose options
         return lambda obs, fresh: from_unit_actions(env.action, 1 - play(obs, fresh), env.fast_ratio)
     return play
+
+
+def _own_player(policy: Policy | RecurrentPolicy, generator: torch.Generator, *, deterministic: bool) -> Player:
+    """Return the policy in one episode, with the actions that it returns."""
+    if isinstance(policy, RecurrentPolicy):
+        return policy.player(1, deterministic=deterministic, generator=generator)
+    return lambda obs, fresh: policy.act(obs, deterministic=deterministic, generator=generator)
 
 
 def _observations(env: RiverVectorEnv, sees: Sight) -> np.ndarray:

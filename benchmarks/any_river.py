@@ -3,7 +3,7 @@
     python benchmarks/any_river.py --jobs 2                       # trains and flies all that has no row yet
     python benchmarks/any_river.py --seeds 0 --episodes 50 --out trial.csv
     python benchmarks/any_river.py --policy runs/student          # flies another policy; trains nothing
-    python benchmarks/any_river.py --write                        # the table of docs/imitation.md
+    python benchmarks/any_river.py --write                        # tables of docs/imitation.md and packaged-policy.md
 
 A row of any_river.csv is appended as each cell is flown: a student's flights of one kind on one level. A cell that has
 a row is skipped, and training resumes in the folder `--runs`. `fixed` is the river of the level with `--episodes`
@@ -35,6 +35,7 @@ from thalweg.bench.evaluate.conditions import RIVERS
 from thalweg.bench.evaluate.course import UNSEEN, Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Label
+from thalweg.bench.packaged import PACKAGED, PACKAGED_RGB
 from thalweg.bench.report.table import frame, markdown
 from thalweg.bench.results.inference import Estimate, t_interval, widen_to_wilson, wilson_interval
 from thalweg.core import versions
@@ -50,7 +51,11 @@ from thalweg.train.run_in_folder import policy_file
 
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "any_river.csv"
-PAGE, SECTION = HERE.parent / "docs" / "imitation.md", "any river"
+DOCS = HERE.parent / "docs"
+PAGES = {DOCS / "imitation.md": "any river", DOCS / "packaged-policy.md": "returns"}
+"""Sections of pages that `--write` writes."""
+FLIGHTS = {"fixed": "the fixed river", "unseen": "unseen rivers", "varied": "the same under varied looks and suns"}
+"""Words for kinds of flights on the page of the packaged policies."""
 LEVELS, KINDS = ("Easy", "Medium", "Hard"), ("fixed", "unseen", "varied", "real")
 SEEDS, OBSERVATIONS = (0, 1, 2), ("rgb+mask", "rgb")
 TEACHER = "teacher"
@@ -189,6 +194,26 @@ def page_table(rows: Sequence[dict[str, str]]) -> str:
     return markdown(frame(["policy", "flights", "level or river", "seeds", "return", "violations"], lines))
 
 
+def packaged_table(rows: Sequence[dict[str, str]]) -> str:
+    """Return the table of the packaged policies, which are the students of seed 0: of each kind of flights on each
+    level the mean return with its standard error over flights, and the share of flights that end in a violation."""
+    named = {"rgb+mask": PACKAGED, "rgb": PACKAGED_RGB}
+    found = {
+        (row["policy"], row["kind"], row["level"]): f"{float(row['return']):.2f} ± {float(row['return_error']):.2f},"
+        f" {100 * float(row['violations']):.1f} %"
+        for row in rows
+        if row["seed"] == "0" and all(row[name] == str(version) for name, version in VERSIONS.items())
+    }
+    lines = [
+        [named[policy], words, *(found[policy, kind, level] for level in LEVELS)]
+        for policy in OBSERVATIONS
+        for kind, words in FLIGHTS.items()
+        if (policy, kind, LEVELS[0]) in found
+    ]
+    header = ["policy", "flights", *(f"{level}: return, violations" for level in LEVELS)]
+    return markdown(frame(header, lines))
+
+
 def _violations(cells: Sequence[dict[str, str]]) -> str:
     """Return the share of flights with violations as text, with its 95 % interval over seeds, which is at least as wide
     as Wilson's over flights; with fewer than three seeds it is Wilson's, and leaves out how seeds differ."""
@@ -225,8 +250,8 @@ def main() -> str | None:
         parser.error("--episodes must be at least 2, --jobs at least 1")
     rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
     if given.write:
-        page = replace_section(PAGE.read_text(encoding="utf-8"), SECTION, page_table(rows) + "\n")
-        write_atomic(PAGE, page)
+        for (page, section), table in zip(PAGES.items(), (page_table(rows), packaged_table(rows)), strict=True):
+            write_atomic(page, replace_section(page.read_text(encoding="utf-8"), section, f"{table}\n"))
         return None
     done = {tuple(row[name] for name in KEY) for row in rows}
     if given.policy:

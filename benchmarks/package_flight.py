@@ -4,8 +4,8 @@
     thalweg evaluate runs/student --levels easy medium hard --unseen --episodes 100 --out runs/student/evaluation.csv
     python benchmarks/package_flight.py runs/student
 
-The policy becomes thalweg/bench/packaged/flight.safetensors; the rows of its evaluation become flight.csv beside this
-script.
+A policy of image and mask becomes thalweg/bench/packaged/flight.safetensors, and one of the image alone
+flight_rgb.safetensors beside it; the rows of the evaluation become flight.csv or flight_rgb.csv beside this script.
 """
 
 import shutil
@@ -17,10 +17,11 @@ from pathlib import Path
 import yaml
 
 from thalweg.bench.evaluate.episodes import read_episodes
-from thalweg.bench.packaged import PACKAGED_POLICY
+from thalweg.bench.packaged import PACKAGED, PACKAGED_POLICIES, PACKAGED_RGB, PACKAGED_SEES
 from thalweg.train import load_policy
 
-ROWS = Path(__file__).with_name("flight.csv")
+NAMES = {PACKAGED_SEES: PACKAGED, "rgb": PACKAGED_RGB}
+"""Names of packaged policies, by what they see."""
 
 
 def main() -> None:
@@ -30,6 +31,9 @@ def main() -> None:
     policy = load_policy(folder)
     run = yaml.safe_load((folder / "config.yaml").read_text())["run"]
     context = policy.about.context
+    if context["observation"] not in NAMES:
+        sys.exit(f"{folder} sees {context['observation']}: packaged are policies of {' or '.join(NAMES)}")
+    path = PACKAGED_POLICIES[NAMES[context["observation"]]]
     command = (
         f"thalweg imitate --out runs/{folder.name} --levels {' '.join(context['levels'])}"
         f" --world-seeds {' '.join(map(str, context['world_seeds']))} --observation {context['observation']}"
@@ -46,8 +50,8 @@ def main() -> None:
             "success": round(statistics.mean(episode.success for episode in flown), 3),
         }
     policy.about = replace(policy.about, context={**context, "command": command, "scores": scores})
-    policy.save(PACKAGED_POLICY)
-    shutil.copyfile(folder / "evaluation.csv", ROWS)
+    policy.save(path)
+    shutil.copyfile(folder / "evaluation.csv", Path(__file__).with_name(f"{path.stem}.csv"))
     print(command)
     for name, score in scores.items():
         print(f"{name}: {score}")

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from thalweg.bench.packaged import PACKAGED_POLICY
+from thalweg.bench.packaged import PACKAGED, PACKAGED_POLICIES, PACKAGED_RGB, PACKAGED_SEES
 from thalweg.bench.suite.priced import LIMITS
-from thalweg.encoder import DEFAULT_PATH, PACKAGED, GeometryConfig
+from thalweg.encoder import DEFAULT_PATH, GeometryConfig
+from thalweg.encoder import PACKAGED as PACKAGED_ENCODERS
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION
 from thalweg.train import load_policy
@@ -23,17 +24,17 @@ NEVER = 1_000_000
 
 def test_the_encoder_of_geometry_fits_the_renderer_and_the_ideal_eye():
     encoder = load_compatible_encoder("geometry")
-    assert encoder.about["path"] == str(PACKAGED["geometry"])
+    assert encoder.about["path"] == str(PACKAGED_ENCODERS["geometry"])
     assert isinstance(encoder.config, GeometryConfig) and encoder.config.targets == FEATURES
     assert (encoder.latent, encoder.inputs) == (32, "rgb+mask")
-    assert PACKAGED["geometry"].stat().st_size < 3.6e6
+    assert PACKAGED_ENCODERS["geometry"].stat().st_size < 3.6e6
 
 
 def test_the_encoder_of_geometry_of_the_tasks_predicts_what_they_show():
     encoder = load_compatible_encoder("geometry-tasks")
     assert isinstance(encoder.config, GeometryConfig) and encoder.config.targets == targets_of(("River", *LIMITS))
     assert (encoder.latent, encoder.inputs) == (32, "rgb+mask")
-    assert PACKAGED["geometry-tasks"].stat().st_size < 3.6e6
+    assert PACKAGED_ENCODERS["geometry-tasks"].stat().st_size < 3.6e6
 
 
 def test_the_encoder_of_the_package_fits_the_renderer():
@@ -42,14 +43,17 @@ def test_the_encoder_of_the_package_fits_the_renderer():
     assert (encoder.render_version, encoder.latent, encoder.inputs) == (RENDER_VERSION, 16, "rgb+mask")
 
 
-def test_the_policy_of_the_package_sees_images_of_the_renderer():
-    policy = load_policy(PACKAGED_POLICY)
+@pytest.mark.parametrize(("name", "seen"), [(PACKAGED, PACKAGED_SEES), (PACKAGED_RGB, "rgb")])
+def test_the_policies_of_the_package_see_images_of_the_renderer(name: str, seen: str):
+    policy = load_policy(PACKAGED_POLICIES[name])
     check_policy_fits(policy, None)
-    assert (observation_of(policy), policy.about.context["render_version"]) == ("rgb+mask", RENDER_VERSION)
+    assert (observation_of(policy), policy.about.context["render_version"]) == (seen, RENDER_VERSION)
 
 
-def test_the_policy_of_the_package_names_the_command_that_made_it_and_its_scores():
-    about = load_policy(PACKAGED_POLICY).about.context
+@pytest.mark.parametrize("name", PACKAGED_POLICIES)
+def test_the_policies_of_the_package_name_the_command_that_made_them_and_their_scores(name: str):
+    about = load_policy(PACKAGED_POLICIES[name]).about.context
+    assert f" --observation {about['observation']} " in about["command"]
     assert about["command"].startswith("thalweg imitate ") and set(about["scores"]) == {"Easy", "Medium", "Hard"}
 
 

@@ -183,6 +183,28 @@ def test_equal_shares_of_seeds_are_as_uncertain_as_their_flights(script: ModuleT
     assert "0.0% [0.0, 39.0]" in script.page_table(rows)  # Wilson's interval of none in six
 
 
+def test_the_table_of_the_packaged_policies_has_seed_0_of_todays_versions(script: ModuleType):
+    def row(policy: str, kind: str, level: str, seed: int = 0) -> dict[str, str]:
+        cell = script.Cell(policy, 9, seed, kind, level, 4)
+        return script.row_of(cell, [episode(10.0, 0.0, "Success")] * 3 + [episode(6.0, 1.0, "Collision")])
+
+    levels = ("Easy", "Medium", "Hard")
+    rows = [row(policy, "unseen", level) for policy in ("rgb+mask", "rgb") for level in levels]
+    rows += [row("rgb", "unseen", "Easy", seed=1) | {"return": "0.000"}, rows[0] | {"render": "0", "return": "0.000"}]
+    lines = [" ".join(line.split()) for line in script.packaged_table(rows).splitlines()[2:]]
+    cells = " | ".join(["9.00 ± 1.00, 25.0 %"] * 3)
+    assert lines == [f"| packaged | unseen rivers | {cells} |", f"| packaged-rgb | unseen rivers | {cells} |"]
+
+
+def test_the_pages_have_the_committed_tables(script: ModuleType):
+    rows = script.read_csv(script.TABLE, script.COLUMNS)
+    for (page, section), table in zip(
+        script.PAGES.items(), (script.page_table(rows), script.packaged_table(rows)), strict=True
+    ):
+        text = page.read_text(encoding="utf-8")
+        assert script.replace_section(text, section, f"{table}\n") == text
+
+
 def test_of_one_seed_the_longest_training_and_the_most_episodes_count(script: ModuleType):
     rows = []
     for steps, episodes, returned in ((9, 3, 8.0), (9, 2, 7.0), (5, 4, 1.0)):

@@ -17,6 +17,15 @@ def test_the_packaged_policy_is_exported(tmp_path: Path, capsys: pytest.CaptureF
     assert OnnxPolicy.load(out).about["name"] == "packaged"
 
 
+def test_the_packaged_policy_of_the_image_alone_is_exported_without_a_mask(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+):
+    out = tmp_path / "policy.onnx"
+    assert main(["export", "packaged-rgb", "--out", str(out)]) == 0
+    assert "takes image, fresh, memory, last_action of 128 x 128 pixels" in capsys.readouterr().out
+    assert OnnxPolicy.load(out).about["name"] == "packaged-rgb"
+
+
 @pytest.mark.parametrize(
     ("options", "error"),
     [

@@ -96,7 +96,7 @@ def test_policies_of_one_name_are_told_apart():
     assert [free_name("policy", taken) for taken in ([], ["policy"], ["policy", "policy (2)"])] == [
         *("policy", "policy (2)", "policy (3)")
     ]
-    assert list(Fly()._loaders()) == ["packaged"]
+    assert list(Fly()._loaders()) == ["packaged", "packaged-rgb"]
 
 
 def test_a_policy_does_not_stand_for_a_pilot_of_its_folders_name(tmp_path: Path):
@@ -106,10 +106,12 @@ def test_a_policy_does_not_stand_for_a_pilot_of_its_folders_name(tmp_path: Path)
         image_policy("rgb", 32).save(tmp_path / name / "policy.safetensors")
         given.append(str(tmp_path / name))
     assert list(Fly(policies=tuple(given))._loaders()) == [
-        *("steady (2)", "hand (2)", "replay (2)", "packaged (2)", "packaged")
+        *("steady (2)", "hand (2)", "replay (2)", "packaged (2)", "packaged", "packaged-rgb")
     ]
-    assert list(Fly(policies=("packaged",))._loaders()) == ["packaged"]
-    assert list(Fly(policies=("steady",))._loaders()) == ["packaged"]  # the pilot is on the page anyway
+    both = ["packaged", "packaged-rgb"]
+    assert list(Fly(policies=("packaged",))._loaders()) == both
+    assert list(Fly(policies=("packaged-rgb",))._loaders()) == both[::-1]  # the first one flies first
+    assert list(Fly(policies=("steady",))._loaders()) == both  # the pilot is on the page anyway
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ from thalweg.algos.policy.actions import actions_of
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label, evaluate
-from thalweg.bench.packaged import PACKAGED_POLICY
+from thalweg.bench.packaged import PACKAGED_POLICIES, PACKAGED_RGB
 from thalweg.core import versions
 from thalweg.core.cache import file_hash
 from thalweg.core.compute.torch_threads import torch_threads
@@ -327,9 +327,9 @@ def packaged_geometry(name: str = "geometry") -> Trace:
     return {"file": _digits(PACKAGED[name])} | {key: each.astype(np.float64) for key, each in found.items()}
 
 
-def packaged_policy() -> Trace:
-    """The hash of the packaged policy's file."""
-    return {"file": _digits(PACKAGED_POLICY)}
+def packaged_policy(name: str = "packaged") -> Trace:
+    """The hash of the file of a packaged policy."""
+    return {"file": _digits(PACKAGED_POLICIES[name])}
 
 
 def imitation() -> Trace:
@@ -403,6 +403,9 @@ GOLDENS: dict[str, Golden] = {
         tolerance=0.02,
     ),
     "packaged policy": Golden("PACKAGED_POLICY", versions.PACKAGED_POLICY, packaged_policy, tolerance=0.0),
+    "packaged policy of images": Golden(
+        "PACKAGED_RGB_POLICY", versions.PACKAGED_RGB_POLICY, partial(packaged_policy, PACKAGED_RGB), tolerance=0.0
+    ),
     "shield": Golden("SHIELD", versions.SHIELD, shield, tolerance=0.02, smallest=20.0),
     "imitation": Golden("IMITATION", versions.IMITATION, imitation),
     **{

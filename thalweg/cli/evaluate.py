@@ -27,7 +27,7 @@ class Evaluate(Command):
     """Evaluate a policy from the fixed list of starts of each river, with the kind of actions that it has."""
 
     policy: Positional[str]
-    """A run's folder, a policy file, a function (fly.py:fly), `packaged`, random, hover, forward, pilot
+    """A run's folder, a policy file, a function (fly.py:fly), `packaged`, `packaged-rgb`, random, hover, forward, pilot
     or steady."""
     levels: tuple[str, ...] = ()
     """Levels to fly on; by default Easy, Medium and Hard, for the boat Easy, Medium-Deep and Hard-Deep."""

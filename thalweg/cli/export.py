@@ -15,7 +15,7 @@ class Export(Command):
     """Write a policy as one ONNX file with its encoder, memory, preprocessing and choice of actions."""
 
     policy: Positional[str] = "packaged"
-    """A run's folder, a policy file, or `packaged`."""
+    """A run's folder, a policy file, `packaged`, or `packaged-rgb`."""
     out: Path = Path("policy.onnx")
     """File to write, .onnx; an existing one is replaced."""
     encoder: str | None = None

@@ -17,7 +17,7 @@ class Follow(Command):
     video: Positional[Path]
     """Video to read; one frame is used for each step of the policy, four a second unless it was trained otherwise."""
     policy: str = "packaged"
-    """A run's folder, a policy file, or `packaged`."""
+    """A run's folder, a policy file, `packaged`, or `packaged-rgb`."""
     segmenter: Path | None = None
     """File of a finder of water, which `encoder train --target water` writes; by default that of the package."""
     out: Path = Path("overlay.mp4")

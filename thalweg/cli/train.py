@@ -65,7 +65,7 @@ class Train(Command):
     threads: int | None = None
     """Threads for acting and learning; by default, within OMP_NUM_THREADS, 2 for wide networks and 1 for others."""
     begin_with: Path | None = None
-    """Run folder or policy file of the policy that the run starts from, or `packaged`."""
+    """Run folder or policy file of the policy that the run starts from, `packaged` or `packaged-rgb`."""
     device: str = "cpu"
     """Where to train: cpu, cuda, cuda:1, or auto, which uses a GPU if one works."""
     graphs: bool = False

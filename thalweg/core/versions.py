@@ -58,4 +58,6 @@ PACKAGED_GEOMETRY = 2
 PACKAGED_GEOMETRY_TASKS = 1
 """The file of the encoder of geometry with objects of tasks that comes with the package."""
 PACKAGED_POLICY = 3
-"""The policy file that comes with the package."""
+"""The policy file of image and mask that comes with the package."""
+PACKAGED_RGB_POLICY = 1
+"""The policy file of the image alone that comes with the package."""

@@ -2,12 +2,13 @@
 
 from pathlib import Path
 
-PACKAGED = "packaged"
-"""Name of the policy of image and mask, which suites fly too."""
+PACKAGED, PACKAGED_RGB = "packaged", "packaged-rgb"
+"""Names of the policy of image and mask, which suites fly too, and of that of the image alone."""
 PACKAGED_SEES = "rgb+mask"
 """What `PACKAGED` sees, see `thalweg.train.observations`."""
 PACKAGED_POLICIES = {
     PACKAGED: Path(__file__).with_name("flight.safetensors"),
+    PACKAGED_RGB: Path(__file__).with_name("flight_rgb.safetensors"),
 }
 """Files of the policies."""
 PACKAGED_POLICY = PACKAGED_POLICIES[PACKAGED]

@@ -54,7 +54,7 @@ TABLE = HERE / "any_river.csv"
 DOCS = HERE.parent / "docs"
 PAGES = {DOCS / "imitation.md": "any river", DOCS / "packaged-policy.md": "returns"}
 """Sections of pages that `--write` writes."""
-FLIGHTS = {"fixed": "the fixed river", "unseen": "unseen rivers", "varied": "the same under varied looks and suns"}
+FLIGHTS = {"unseen": "unseen rivers", "varied": "the same under varied looks and suns"}
 """Words for kinds of flights on the page of the packaged policies."""
 LEVELS, KINDS = ("Easy", "Medium", "Hard"), ("fixed", "unseen", "varied", "real")
 SEEDS, OBSERVATIONS = (0, 1, 2), ("rgb+mask", "rgb")

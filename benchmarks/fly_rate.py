@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from page_sections import wrap
+from page_sections import beside, wrap
 
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.report.table import frame, markdown
@@ -187,8 +187,8 @@ def table() -> str:
         "Frames a second at the pace that the page begins with, at most 40, and at *fastest*, a step for each frame;"
         " and within how many milliseconds 95 of 100 frames follow the one before. A client on the same machine takes"
         " each frame at once and shows none: a browser needs time of its own. Medium, full quality,"
-        f" {first['cores']} cores of type {first['cpu_type']}, with vectors of {first['vector_bits']} bits, on which"
-        f" other work made a load of {first['load']}."
+        f" {first['cores']} cores of type {first['cpu_type']}, with vectors of {first['vector_bits']} bits,"
+        f" {beside(first['load'])}."
     )
     return f"{markdown(frame(names, lines))}\n{note}"
 

@@ -7,6 +7,7 @@ Cameras take turns, so that a change of the machine's speed meets them all.
 """
 
 import csv
+import os
 import statistics
 import time
 from pathlib import Path
@@ -67,18 +68,20 @@ def milliseconds(renderers: list[Renderer], poses: np.ndarray) -> list[tuple[flo
 def main() -> None:
     """Measure, and draw the picture."""
     set_num_threads(1)
+    machine, load = machine_info(), f"{os.getloadavg()[0]:.1f}"
     world = load_or_build("Medium")
     renderers = [Renderer([world], camera) for camera in cameras(SIZE_PX).values()]
     found = milliseconds(renderers, sample_starts(world, FRAMES, 0))
-    machine = machine_info()
     with atomic_path(HERE / "lenses.csv") as draft, draft.open("w", newline="") as file:
         out = csv.writer(file)
-        out.writerow(["lens", "wide_height_px", "wide_width_px", "least_ms", "median_ms", "cpu_type", "vector_bits"])
+        out.writerow(
+            ["lens", "wide_height_px", "wide_width_px", "least_ms", "median_ms", "cpu_type", "vector_bits", "load"]
+        )
         for name, renderer, numbers in zip(LENSES, renderers, found, strict=True):
             drawing = renderer._lens
             size = (SIZE_PX, SIZE_PX) if drawing is None else (drawing.wide.height_px, drawing.wide.width_px)
             row = [f"{number:.2f}" for number in numbers]
-            out.writerow([name, *size, *row, machine["cpu_type"], machine["vector_bits"]])
+            out.writerow([name, *size, *row, machine["cpu_type"], machine["vector_bits"], load])
     poses = sample_starts(world, 8, 0)[[SHOWN_POSE]]
     shown = cameras(SHOWN_PX)
     views = [Renderer([world], shown[name]).render(poses)[0, ..., :3] for name in SHOWN]

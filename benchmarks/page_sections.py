@@ -11,6 +11,11 @@ def wrap(text: str) -> str:
     return textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False) + "\n"
 
 
+def beside(load: str) -> str:
+    """Return in words what other work a measurement shared its machine with, by the load before it."""
+    return "on an otherwise idle machine" if float(load) < 0.5 else f"beside other work with a load of {load}"
+
+
 def replace_section(page: str, name: str, text: str) -> str:
     """Return the page with `text` between `<!-- name -->` and `<!-- /name -->`.
 

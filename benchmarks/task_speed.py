@@ -11,6 +11,7 @@ work does not count; the share that is lost is the median over the turns, and ea
 """
 
 import argparse
+import os
 import statistics
 import time
 from collections.abc import Callable, Sequence
@@ -19,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from page_sections import replace_section
+from page_sections import beside, replace_section, wrap
 
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.report.table import frame, markdown
@@ -37,7 +38,7 @@ PLACES = ("starts", "flights")
 COLUMNS = (
     "task", "random_steps_per_s", "pilot_steps_per_s",
     *(f"{place}_{what}" for place in PLACES for what in ("objects", "ms", "with_objects_ms", "lost_percent")),
-    "processor",
+    "processor", "load",
 )  # fmt: skip
 RIVERS, BATCH = 4, 16
 APART, VIEWS = 20, 4
@@ -120,7 +121,7 @@ def _draw_objects(env: RiverVectorEnv, renderer: Any, at: tuple[Any, ...]) -> No
 
 def measured(worlds: Sequence[World], turns: int) -> list[list[str]]:
     """Return a row for each task."""
-    rows, machine = [], machine_info()
+    rows, machine, load = [], machine_info(), f"{os.getloadavg()[0]:.1f}"
     random = np.random.default_rng(0).integers(0, 3, (STEPS, BATCH, 4))
     for task, record in TASKS.items():
         actions = random, chosen_before(task, worlds)
@@ -132,7 +133,7 @@ def measured(worlds: Sequence[World], turns: int) -> list[list[str]]:
             count, seconds = frames_of(task, worlds, place, turns)
             times = [f"{1e3 * each:.3f}" for each in seconds.min(axis=0)]
             row += [f"{count:.1f}", *times, f"{lost_percent(seconds):.1f}"]
-        rows.append([*row, f"{machine['cpu']} ({machine['cpu_type']})"])
+        rows.append([*row, f"{machine['cpu']} ({machine['cpu_type']})", load])
         print(*rows[-1], flush=True)
     return rows
 
@@ -149,7 +150,8 @@ def page_table(rows: Sequence[dict[str, str]]) -> str:
         lines.append(line)
     frames = [f"{name}: {what}" for name in PLACES for what in ("ms without, with", "lost")]
     names = ["task", "random steps/s", "pilot's steps/s", *frames]
-    return f"{markdown(frame(names, lines))}\n"
+    machine = wrap(f"One core of {rows[0]['processor']}, {beside(rows[0]['load'])}.")
+    return f"{markdown(frame(names, lines))}\n{machine}"
 
 
 def main() -> None:

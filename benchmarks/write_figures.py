@@ -15,7 +15,7 @@ from pathlib import Path
 
 import findings
 import fly_rate
-from page_sections import replace_section, wrap
+from page_sections import beside, replace_section, wrap
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.report.table import frame, markdown
@@ -135,7 +135,7 @@ def scaling() -> str:
 
 def lenses() -> str:
     """Return the time of a frame behind each lens."""
-    columns = ("lens", "wide_height_px", "wide_width_px", "least_ms", "median_ms", "cpu_type", "vector_bits")
+    columns = ("lens", "wide_height_px", "wide_width_px", "least_ms", "median_ms", "cpu_type", "vector_bits", "load")
     rows = read_csv(HERE / "lenses.csv", columns)
     header = ["lens", "pinhole that is drawn", "ms a frame", "least", "times the first"]
     lines = [
@@ -150,7 +150,7 @@ def lenses() -> str:
     ]
     machine = wrap(
         "128 x 128 pixels, full quality, one thread, 16 random views of Medium, median and least of 15 turns, in which"
-        " the cameras took turns on an otherwise idle machine. A processor of type"
+        f" the cameras took turns, {beside(rows[0]['load'])}. A processor of type"
         f" {rows[0]['cpu_type']}, with vectors of {rows[0]['vector_bits']} bits."
     )
     return f"{markdown(frame(header, lines))}\n{machine}"

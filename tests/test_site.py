@@ -82,8 +82,9 @@ def test_every_module_that_a_page_imports_from_is_in_the_reference():
     named = {
         name for path in (SITE / "pages" / "reference").glob("*.md") for name in directive.findall(path.read_text())
     }
-    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").rglob("*.py")]
-    imported = re.compile(r"^ *from (thalweg[\w.]*) import ", re.MULTILINE)
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    pages += [path for ending in ("py", "ipynb") for path in (ROOT / "examples").rglob(f"*.{ending}")]
+    imported = re.compile(r'^[ "]*from (thalweg[\w.]*) import ', re.MULTILINE)
     assert {name for path in pages for name in imported.findall(path.read_text())} - named == set()
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from tests.cli.calibration import LENS
 from tests.image_policies import image_policy
 from thalweg.bench.evaluate.episodes import read_episodes
 from thalweg.cli.evaluate import Evaluate, _encoder_for, load_named_policy, sampling
@@ -18,14 +19,6 @@ from thalweg.env import EnvConfig
 from thalweg.render import Camera, Renderer
 from thalweg.render.records.calibration import camera_of_calibration
 from thalweg.world import World
-
-LENS = """
-image_width: 640
-image_height: 480
-camera_matrix: {rows: 3, cols: 3, data: [330.0, 0.0, 330.0, 0.0, 325.0, 230.0, 0.0, 0.0, 1.0]}
-distortion_model: plumb_bob
-distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0.04, 0.001, -0.001, 0.0]}
-"""
 
 
 @pytest.mark.parametrize("given", [None, Path("other.safetensors")], ids=["that of the run", "another one"])
@@ -99,7 +92,8 @@ def test_a_calibration_is_cut_to_the_frames_of_the_policy(tmp_path: Path):
     policy = image_policy("rgb+mask", 32, env={"camera": {"height_px": 32, "width_px": 32, "pitch_deg": 5.0}})
     wanted = camera_of_calibration(file, height_px=32, width_px=32, pitch_deg=5.0)
     assert flown_camera(policy, "run", (str(file),)) == wanted and wanted.lens is not None
-    assert camera_in_words(policy, "run", (str(file), "pitch_deg=9")) == "camera lens.yaml pitch_deg=9"
+    told = camera_in_words(policy, "run", (str(file), "pitch_deg=9", "near_m=0.2"))
+    assert told == f"camera lens.yaml {file_hash(file)[:8]} near_m=0.2 pitch_deg=9"
     behind = image_policy("rgb+mask", 32, env={"camera": wanted.as_data()})
     assert flown_camera(behind, "run", ("pitch_deg=9",)) == replace(wanted, pitch_deg=9.0)
     with pytest.raises(UsageError, match=r"run was trained behind a lens, .*: leave fov_deg=75 out of --camera"):
@@ -125,7 +119,8 @@ def test_a_policy_is_evaluated_through_another_camera_and_its_rows_say_so(
     assert main(command) == 0
     assert drawn == [camera_of_calibration(tmp_path / "lens.yaml", height_px=32, width_px=32)]
     (row,) = read_episodes(tmp_path / "rows.csv")
-    assert row.algorithm == "run.safetensors (fast frames) (camera lens.yaml)"
+    content = file_hash(tmp_path / "lens.yaml")[:8]
+    assert row.algorithm == f"run.safetensors (fast frames) (camera lens.yaml {content})"
 
 
 def test_a_function_is_shown_frames_of_any_size(tmp_path: Path, easy_world: World):

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.cli.calibration import LENS
 from thalweg.bench.pictures.film import FRAMES_PER_S, HOLD_S
 from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX
 from thalweg.cli.main import main
@@ -17,14 +18,6 @@ from thalweg.viewer.flight.flight import Flight, env_of
 from thalweg.viewer.flight.options import FlightOptions
 from thalweg.viewer.flight.recording import Folder
 from thalweg.world import World
-
-LENS = """
-image_width: 640
-image_height: 480
-camera_matrix: {rows: 3, cols: 3, data: [330.0, 0.0, 330.0, 0.0, 325.0, 230.0, 0.0, 0.0, 1.0]}
-distortion_model: plumb_bob
-distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0.04, 0.001, -0.001, 0.0]}
-"""
 
 
 @pytest.fixture

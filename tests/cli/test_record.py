@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.cli.calibration import LENS
 from tests.image_policies import image_policy
 from thalweg.cli.flown_files import flown_files
 from thalweg.cli.main import main
@@ -21,14 +22,6 @@ from thalweg.viewer.flight.observed import Observer
 from thalweg.viewer.flight.options import FlightOptions
 from thalweg.viewer.flight.recording import Folder
 from thalweg.world import World
-
-LENS = """
-image_width: 640
-image_height: 480
-camera_matrix: {rows: 3, cols: 3, data: [330.0, 0.0, 330.0, 0.0, 325.0, 230.0, 0.0, 0.0, 1.0]}
-distortion_model: plumb_bob
-distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0.04, 0.001, -0.001, 0.0]}
-"""
 
 
 def test_flights_of_a_pilot_are_recorded_as_the_environment_has_them(

@@ -54,7 +54,7 @@ class EncoderTrain(Command):
     quality: Annotated[Literal["full", "fast"] | None, by_target("quality")] = None
     """Quality of the frames; `fast` reflects only the sky, filters less, and interpolates the ground."""
     randomise: bool = False
-    """For image only: vary light, water, plants, lens, noise and clouds; the other targets are learnt so anyway."""
+    """For image only: vary light, water, plants, camera angles, noise and clouds; the other targets always do."""
     device: Annotated[str | None, by_target("device")] = None
     """For geometry only: where to draw frames and learn: cpu, cuda, cuda:1, or auto."""
     seed: int = 0

@@ -42,13 +42,19 @@ def flown_camera(policy: "Policy | RecurrentPolicy", named: str, texts: tuple[st
 
 
 def camera_in_words(policy: "Policy | RecurrentPolicy", named: str, texts: tuple[str, ...]) -> str:
-    """Return what names of results say of the camera: the texts of --camera, of a file its name; nothing for the camera
-    of the policy's training. Raises the errors of `flown_camera`."""
+    """Return what names of results say of the camera: of a file its name and the begin of its content's hash, and the
+    settings of --camera by their names; nothing for the camera of the policy's training.
+
+    Raises the errors of `flown_camera`.
+    """
+    from thalweg.core.cache import file_hash
     from thalweg.train.observations import camera_of
 
     if flown_camera(policy, named, texts) == camera_of(policy):
         return ""
-    return " ".join(["camera", *(text if "=" in text else Path(text).name for text in texts)])
+    file, settings = camera_settings(texts)
+    calibration = [] if file is None else [file.name, file_hash(file)[:8]]
+    return " ".join(["camera", *calibration, *(f"{name}={settings[name]}" for name in sorted(settings))])
 
 
 def _changed(trained: "Camera", named: str, file: Path | None, settings: dict[str, Any]) -> "Camera":

@@ -41,7 +41,7 @@ class RenderFrames(Command):
     camera: tuple[str, ...] = ()
     """Settings of the camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration."""
     randomise: bool = False
-    """Vary light, water, plants, lens, noise and clouds from frame to frame, by --poses-seed."""
+    """Vary light, water, plants, camera angles, noise and clouds from frame to frame, by --poses-seed."""
     frames: Path | None = None
     """Also write each frame into this folder: colours, water mask, depth and class as PNG, and a table of poses."""
     gallery: bool = False

@@ -23,7 +23,7 @@ class TrainedViews:
     quality: Literal["full", "fast"] | None = None
     """Quality of frames, by default full; `fast` reflects only the sky, filters less, and interpolates the ground."""
     randomise: bool = False
-    """Vary light, water, plants, lens, noise and clouds from episode to episode."""
+    """Vary light, water, plants, camera angles, noise and clouds from episode to episode."""
     action: Literal["multidiscrete", "continuous"] | None = None
     """Kind of actions: `multidiscrete`, or `continuous`, which inertial dynamics need; by default what these need."""
 

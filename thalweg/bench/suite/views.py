@@ -23,7 +23,7 @@ class TrainingViews:
     quality: Quality = "full"
     """Quality of the frames in training."""
     randomise: bool = False
-    """Whether light, water, plants, lens, noise and clouds vary in training."""
+    """Whether light, water, plants, camera angles, noise and clouds vary in training."""
     action: ActionSpace = "multidiscrete"
     """Kind of actions, also of the flights; inertial dynamics have continuous ones in any case."""
 

@@ -16,7 +16,7 @@ class Drawing:
     camera: Camera = DEFAULT_CONFIG.camera
     quality: Quality = "full"
     randomise: bool = False
-    """Whether light, water, plants, lens, noise and clouds vary from frame to frame."""
+    """Whether light, water, plants, camera angles, noise and clouds vary from frame to frame."""
 
     @property
     def randomisation(self) -> Randomisation | None:

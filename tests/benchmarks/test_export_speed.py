@@ -7,7 +7,7 @@ from types import ModuleType
 
 import pytest
 
-from thalweg.bench.packaged import PACKAGED, PACKAGED_POLICIES
+from thalweg.bench.packaged import PACKAGED_POLICIES
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -19,7 +19,8 @@ def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module("export_speed")
 
 
-def test_both_ways_of_flying_take_turns(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+@pytest.mark.parametrize("name", PACKAGED_POLICIES)
+def test_both_ways_of_flying_take_turns(name: str, script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     asked = []
 
     def in_turns(works, turns, _):
@@ -30,10 +31,10 @@ def test_both_ways_of_flying_take_turns(script: ModuleType, monkeypatch: pytest.
 
     monkeypatch.setattr(script, "in_turns", in_turns)
     monkeypatch.setattr(script, "STEPS", 2)
-    row = script.measured(PACKAGED, tmp_path)
+    row = script.measured(name, tmp_path)
     assert asked == [(2, script.TURNS)]
     assert (row["onnx_ms"], row["torch_ms"]) == ("200.000", "2000.000")
-    assert row["file_mb"] == f"{(tmp_path / 'packaged.onnx').stat().st_size / 1e6:.1f}"
+    assert row["file_mb"] == f"{(tmp_path / name).with_suffix('.onnx').stat().st_size / 1e6:.1f}"
 
 
 def test_the_page_has_the_committed_table_of_every_packaged_policy(script: ModuleType):

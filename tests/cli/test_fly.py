@@ -15,13 +15,18 @@ import pytest
 
 from tests.deploy import policies
 from tests.image_policies import image_policy
+from thalweg.bench.packaged import PACKAGED_POLICIES
 from thalweg.cli.flight_options import free_name
 from thalweg.cli.fly import Fly
 from thalweg.cli.main import main
 from thalweg.viewer.errors import ViewerError
+from thalweg.viewer.flight.cockpit import Cockpit
 from thalweg.viewer.flight.looks import LOOKS
+from thalweg.viewer.flight.options import FlightOptions
+from thalweg.viewer.flight.recording import Folder
 from thalweg.viewer.server import app
 from thalweg.viewer.server.app import USUAL_PORT, bind
+from thalweg.world import World
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 
@@ -152,11 +157,15 @@ def test_other_actions_than_those_of_a_policy_are_refused(numbers: Path, capsys:
     assert told in capsys.readouterr().err
 
 
-def test_functions_are_watched_too(tmp_path: Path):
+def test_functions_are_watched_too(tmp_path: Path, easy_world: World):
     (tmp_path / "mine.py").write_text("def fly(image):\n    return 1, 1, 2, 1\n")
-    fly = Fly(policies=(f"{tmp_path}/mine.py:fly",))
-    assert list(fly._loaders()) == [f"{tmp_path}/mine.py:fly", "packaged"]
-    assert "functions (fly.py:fly)" in (ROOT / "thalweg" / "cli" / "fly.py").read_text()
+    name = f"{tmp_path}/mine.py:fly"
+    loaders = Fly(policies=(name,))._loaders()
+    assert list(loaders) == [name, *PACKAGED_POLICIES]
+    cockpit = Cockpit(loaders, Folder(tmp_path), name)
+    cockpit.start(easy_world, FlightOptions(level="Easy", size_px=32))
+    assert cockpit.advance(2) and cockpit.flight is not None
+    assert [action.tolist() for action in cockpit.flight.actions] == [[1, 1, 2, 1]] * 2
 
 
 def heed_interrupts() -> None:

@@ -1,6 +1,7 @@
 """The bird's-eye map: its cells by hand, beside the river's banks, and when it begins anew."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -95,7 +96,12 @@ def test_the_picture_has_a_pixel_for_each_cell_and_the_vehicle_at_its_place(cana
 
 @pytest.mark.parametrize(
     "changes",
-    [{}, {"look": "random", "seed": 5}, {"vehicle": "asv"}, {"dynamics": "inertial", "action": "continuous"}],
+    [
+        {},
+        {"look": "random", "seed": 5},
+        {"vehicle": "asv"},
+        {"dynamics": "inertial", "action": "continuous"},
+    ],
     ids=["uav", "random look", "boat", "inertia"],
 )
 def test_water_in_a_flight_is_between_the_banks_of_the_river(fly: Fly, changes: dict[str, Any]):
@@ -166,6 +172,21 @@ def test_nothing_is_drawn_for_a_map_that_is_hidden(cockpit: Cockpit, monkeypatch
     assert known(bird_of(cockpit)) < grown  # it was forgotten, and begins anew
     cockpit.advance(2)
     assert len(looks) == 3
+
+
+def test_no_eye_of_an_earlier_flight_is_kept(cockpit: Cockpit, easy_world: World):
+    first = cockpit._plain_eye
+    cockpit.start(easy_world, EASY)
+    assert cockpit._plain_eye is first is not None  # the environment is the same
+    cockpit.control("forward")
+    cockpit.start(easy_world, replace(EASY, action="continuous"))
+    assert (cockpit._plain_eye, cockpit._eye) == (None, None)
+
+
+def test_no_eye_is_kept_for_a_map_that_is_hidden(cockpit: Cockpit):
+    assert cockpit._plain_eye is not None
+    cockpit.frame("mask", 1.0, mask=False, seen=False)
+    assert cockpit._plain_eye is None
 
 
 def test_the_map_reads_the_camera_of_the_policy_and_refuses_one_with_a_lens(cockpit: Cockpit):

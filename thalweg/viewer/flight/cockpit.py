@@ -37,7 +37,7 @@ class Cockpit:
         """Names of the flights that were saved here."""
         self.flight: Flight | None = None
         self._flyer: Flyer | None = None
-        self._eye: Any = None
+        self._eye: Eye | None = None
         self._water: SeenWater | None = None
         self._plain_eye: Eye | None = None
         self._saved_steps = 0
@@ -52,6 +52,7 @@ class Cockpit:
         """Begin a flight; returns what the page is told of it. Raises the errors of `env_of` and `Flight`."""
         self.flight = Flight(self._env(world, options), options)
         self._saved_steps, self._flyer, self._water = 0, None, None
+        self._eye, self._plain_eye = (self._kept(eye) for eye in (self._eye, self._plain_eye))
         if self.pilot == Replay.name:
             self.pilot = HAND
         return {
@@ -140,7 +141,7 @@ class Cockpit:
             drawn = {**drawn, **self._seen(flight, camera)}
             about["unmapped"] = refusal(self._eye_of(flight).camera)
         else:
-            self._water = None
+            self._water = self._plain_eye = None
         return {**flight.status(), **about}, {**drawn}
 
     def _seen(self, flight: Flight, camera: Any) -> dict[str, bytes]:
@@ -173,6 +174,10 @@ class Cockpit:
         if self._plain_eye is None or not self._plain_eye.serves(flight, Camera()):
             self._plain_eye = Eye(flight, Camera())
         return self._plain_eye
+
+    def _kept(self, eye: Eye | None) -> Eye | None:
+        """Return an eye if it serves the current flight; another one would keep its environment and river in memory."""
+        return eye if eye is not None and eye.serves(self._flying(), eye.camera) else None
 
     def _flying(self) -> Flight:
         if self.flight is None:

@@ -13,6 +13,19 @@ from thalweg.world import World
 pytestmark = pytest.mark.browser
 
 
+NO_PLACE = """
+const Real = window.WebSocket;
+window.WebSocket = class {
+  static OPEN = 1;
+  constructor() {
+    window.WebSocket = Real;
+    setTimeout(() => this.onclose({ code: 1013, reason: "6 tabs are open: close one" }));
+  }
+};
+"""
+"""Lets the next socket be refused as by a server with six tabs, and those after it be as usual."""
+
+
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory, easy_world: World) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     """The address of a server, and its process."""
@@ -45,6 +58,13 @@ def test_a_connection_that_broke_is_made_again_with_the_same_options(browser: Br
     assert not browser.run("return document.getElementById('go').disabled")
     browser.press("w", on=browser.driver.find_element("tag name", "body"))
     wait_for(browser, STEP, lambda step: step == 1)
+
+
+def test_a_server_that_is_full_is_tried_again(browser: Browser, relay: Relay):
+    browser.run(NO_PLACE)
+    relay.cut()
+    wait_for(browser, TEXT.format("notice"), lambda text: "2 of 5" in text)
+    wait_for(browser, TEXT.format("error"), lambda text: "the flight was lost" in text)
 
 
 def test_a_server_that_cannot_be_reached_is_not_said_to_have_stopped(browser: Browser, relay: Relay):

@@ -7,7 +7,7 @@ const $ = (id) => document.getElementById(id);
 const map = new RiverMap($("map")), chart = new Chart($("chart")), form = $("options");
 const RATE_FRAMES = 30, NUMBERS_MS = 80;
 const TRIES = 5, TRY_MS = 1200; // to connect again
-const REFUSED = [1008, 1013], STOPPED = 1012; // codes of the server, see guard.py, app.py and uvicorn
+const VIOLATION = 1008, TRY_LATER = 1013, STOPPED = 1012; // codes of the server, see guard.py, app.py and uvicorn
 const decoder = new TextDecoder();
 
 let socket = null;
@@ -41,7 +41,9 @@ function closed({ code, reason }) {
   $("where").textContent = "not connected";
   enable(false);
   lost = flight?.options ?? lost;
-  if (REFUSED.includes(code)) return notice("The connection is closed", reason);
+  // A server may count this page's broken connection among its tabs until it notices, so a full one is tried again.
+  const full = code === TRY_LATER && (!tries || tries === TRIES);
+  if (code === VIOLATION || full) return notice("The connection is closed", reason);
   if (code === STOPPED) return notice("The server has stopped", "Start it again and open its new address.");
   if (tries === TRIES) {
     return notice("The server cannot be reached", "It has stopped, or the way to it is broken. Reload this page to try again.");

@@ -7,12 +7,35 @@ from collections.abc import Iterator
 import pytest
 
 from tests.browser import Browser
-from tests.viewer.pages import STEP, TEXT, Relay, serving, start, wait_for
+from tests.viewer.pages import STEP, TEXT, Relay, choose, serving, start, wait_for
 from thalweg.world import World
 
 pytestmark = pytest.mark.browser
 
-
+NEXT_SOCKET = """
+const change = {
+  nothing: (event, hear) => hear(event),
+  firstFlightFails(event, hear) {
+    const started = !this.failed && typeof event.data === "string" && JSON.parse(event.data).type === "started";
+    this.failed ||= started;
+    hear(started ? { data: JSON.stringify({ type: "error", message: "no such river" }) } : event);
+  },
+  anotherIsChosenAtOnce(event, hear) {
+    hear(event);
+    if (typeof event.data !== "string" || JSON.parse(event.data).type !== "hello") return;
+    document.forms.options.elements.seed.value = 7;
+    document.forms.options.requestSubmit();
+  },
+};
+const kind = arguments[0];
+window.sent = [];
+window.WebSocket = class extends WebSocket {
+  send(text) { window.sent.push(JSON.parse(text)); super.send(text); }
+  set onmessage(hear) { super.onmessage = (event) => change[kind](event, hear); }
+};
+"""
+"""Changes what the page hears from the socket by which it connects again, and notes what it sends."""
+SENT = "return window.sent.filter(({{type}}) => type === '{}')"
 NO_PLACE = """
 const Real = window.WebSocket;
 window.WebSocket = class {
@@ -58,6 +81,42 @@ def test_a_connection_that_broke_is_made_again_with_the_same_options(browser: Br
     assert not browser.run("return document.getElementById('go').disabled")
     browser.press("w", on=browser.driver.find_element("tag name", "body"))
     wait_for(browser, STEP, lambda step: step == 1)
+
+
+def at_start(browser: Browser, seed: int) -> None:
+    """Wait for the first frame of a flight from a start."""
+    wait_for(browser, TEXT.format("where"), lambda text: text.endswith(f"start {seed}"))
+    wait_for(browser, STEP, lambda step: step == 0)
+
+
+def test_who_flew_and_that_flights_are_saved_are_restored(browser: Browser, relay: Relay):
+    choose(browser, "pilot", "steady")
+    browser.run("document.getElementById('record').click()")
+    browser.run(NEXT_SOCKET, "nothing")
+    relay.cut()
+    wait_for(browser, TEXT.format("error"), lambda text: text.endswith("the flight was lost. It begins again here."))
+    wait_for(browser, "return document.getElementById('pilot').value", lambda name: name == "steady")
+    assert browser.run(SENT.format("control")) == [{"type": "control", "pilot": "steady"}]
+    assert browser.run(SENT.format("record")) == [{"type": "record", "on": True}]
+
+
+def test_the_lost_flight_begins_also_where_the_first_one_of_the_server_cannot(browser: Browser, relay: Relay):
+    start(browser, seed="5")
+    at_start(browser, 5)
+    browser.run(NEXT_SOCKET, "firstFlightFails")
+    relay.cut()
+    wait_for(browser, TEXT.format("error"), lambda text: "the flight was lost" in text)
+    at_start(browser, 5)
+    start(browser, seed="7")
+    at_start(browser, 7)
+    assert [flight["options"]["seed"] for flight in browser.run(SENT.format("start"))] == [5, 7]
+
+
+def test_a_flight_that_is_chosen_meanwhile_is_not_replaced_by_the_lost_one(browser: Browser, relay: Relay):
+    browser.run(NEXT_SOCKET, "anotherIsChosenAtOnce")
+    relay.cut()
+    at_start(browser, 7)
+    assert [flight["options"]["seed"] for flight in browser.run(SENT.format("start"))] == [7]
 
 
 def test_a_server_that_is_full_is_tried_again(browser: Browser, relay: Relay):

@@ -20,7 +20,8 @@ let stepping = false; // whether a step by a key is on its way
 let shownAt = [];
 let drawnAt = 0; // when map, chart and numbers were drawn last
 let tries = 0; // since the connection broke
-let lost = null; // options of the flight that was lost with it
+let lost = null; // options of the flight that was lost with it, and who flew
+let flies = null; // who flies, once that is known
 let complaint = ""; // of the next flight
 
 const say = (type, about = {}) => {
@@ -40,7 +41,7 @@ function connect() {
 function closed({ code, reason }) {
   $("where").textContent = "not connected";
   enable(false);
-  lost = flight?.options ?? lost;
+  lost ??= flight && { options: flight.options, pilot: flies };
   // A server may count this page's broken connection among its tabs until it notices, so a full one is tried again.
   const full = code === TRY_LATER && (!tries || tries === TRIES);
   if (code === VIOLATION || full) return notice("The connection is closed", reason);
@@ -67,6 +68,7 @@ const HEARD = {
     fill(form.elements.task, Object.keys(told.tasks));
     fill(form.elements.look, told.looks);
     setForm(told.options);
+    say("record", { on: $("record").checked });
   },
   busy: ({ message }) => notice(`${message} …`, ""),
   started(told) {
@@ -98,7 +100,7 @@ const HEARD = {
     $("list").replaceChildren(...names.map((name) => {
       const item = document.createElement("li"), button = document.createElement("button");
       button.textContent = "Replay";
-      button.onclick = () => { say("replay", { name }); button.blur(); };
+      button.onclick = () => { lost = null; say("replay", { name }); button.blur(); };
       item.append(name, button);
       return item;
     }));
@@ -110,16 +112,19 @@ const HEARD = {
   record({ on }) { $("record").checked = on; },
   error({ message }) {
     stepping = false;
+    if (lost) return again(); // the server's first flight cannot start, but the lost one did
     complain(message);
     notice();
   },
 };
 
-/** Begin the flight anew that was lost with its connection. */
+/** Begin the flight anew that was lost with its connection, flown by the same pilot if the server still offers it. */
 function again() {
+  const { options: same, pilot } = lost, offered = choices.pilots.includes(pilot);
   complaint = "The connection was broken, and the flight was lost. It begins again here.";
-  say("start", { options: lost });
-  lost = null;
+  if (pilot && !offered) complaint += ` ${pilot} cannot fly it again: choose who flies.`;
+  begin(same);
+  if (offered) control(pilot);
 }
 
 const hear = (told) => HEARD[told.type]?.(told);
@@ -147,6 +152,7 @@ async function show(data) {
   say("drawn", { frame: told.frame });
   if (!latest && !told.moving && !told.ended) notice("Ready: Space flies", "W forward, A D turn, ↑ ↓ climb and descend, Q E sideways");
   latest = told;
+  flies = told.flies;
   stepping = false;
   countFrame();
   if (performance.now() - drawnAt > NUMBERS_MS || !told.moving) {
@@ -250,14 +256,21 @@ function options() {
   };
 }
 
-const start = (changes = {}) => say("start", { options: { ...options(), ...changes } });
-const restart = (seed) => flight && say("start", { options: { ...flight.options, seed } });
+/** Ask for a flight. It takes the place of one that was lost. */
+function begin(asked) {
+  lost = null;
+  say("start", { options: asked });
+}
+
+const start = (changes = {}) => begin({ ...options(), ...changes });
+const restart = (seed) => flight && begin({ ...flight.options, seed });
 const view = () => ({ picture: $("picture").value, mask: $("with-mask").checked, seen: $("with-seen").checked });
 const speed = () => ($("speed").value === "fastest" ? null : Number($("speed").value));
 const run = (moving) => say("run", { paused: !moving, speed: speed() });
 
 function control(name) {
   if (name !== "hand") lastPilot = name;
+  flies = name;
   say("control", { pilot: name });
 }
 

@@ -205,7 +205,11 @@ def test_runs_on_other_banks_depend_on_their_version(tmp_path: Path, brook: Path
     run_suite(suite, tmp_path / "results", again)
     assert "train PPO-0" in again.calls
     meadow = on_brook(brook, files={"brook": {"file": str(brook), "width_m": 9.0, "banks": "meadow"}})
-    for each, banks in ((meadow, True), (on_brook(brook), False), (SUITE, False)):
+    files = {"quay": {"file": str(brook), "width_m": 9.0, "banks": "quay_10-30"}}
+    alone = replace(SUITE, conditions=(Condition("mine", rivers=("quay",), files=files),))
+    package = replace(SUITE, conditions=(Condition("real", rivers=("Cam",)),))
+    assert package.as_data()["conditions"][0]["rivers"] == {"Cam": RIVERS["Cam"].as_data()}, "as before"
+    for each, banks in ((meadow, True), (alone, True), (on_brook(brook), False), (package, False), (SUITE, False)):
         data = each.as_data()
         assert ("banks" in versions_of(each, TRAINED), has_banks(data)) == (banks, banks)
         assert versions_today(data, "PPO", {}) == versions_of(each, TRAINED)

@@ -7,7 +7,14 @@ from typing import Any
 from pydantic import model_validator
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.rivers import NAME, RIVERS, check_files, reaches_of, refuse_unknown_levels
+from thalweg.bench.evaluate.rivers import (
+    NAME,
+    RIVERS,
+    check_files,
+    reaches_of,
+    recorded_reach,
+    refuse_unknown_levels,
+)
 from thalweg.core.config import TupleOf, frozen_config, refuse_unknown, to_plain
 from thalweg.render.errors import RenderError
 from thalweg.render.records.randomisation import Randomisation
@@ -87,8 +94,8 @@ class Condition:
 
     def as_data(self) -> dict[str, Any]:
         """Return plain data for JSON, in which rivers are identified by their content; without a shield and files as
-        before there were any."""
-        data = to_plain(self) | {"rivers": {name: self.river(name).as_data() for name in self.rivers}}
+        before there were any. Raises `WorldFileError` for a file from which no river can be made."""
+        data = to_plain(self) | {"rivers": {name: recorded_reach(self.river(name)) for name in self.rivers}}
         return {name: value for name, value in data.items() if name != "files" and (name != "shield" or value)}
 
 

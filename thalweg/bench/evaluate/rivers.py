@@ -73,12 +73,18 @@ def _has_banks(name: str) -> bool:
     return bool(plus) and base in LEVELS
 
 
-def is_on_banks(level: str, reaches: Mapping[str, Reach]) -> bool:
+def is_on_banks(ground: str | Reach) -> bool:
     """Return whether a level or a real river has banks other than forest; raises `WorldFileError` for a file from which
     no river can be made."""
-    if level not in reaches:
-        return _has_banks(level)
-    return _reach_has_banks(reaches[level], reaches[level].as_data()["content"])
+    if isinstance(ground, Reach):
+        return _reach_has_banks(ground, ground.as_data()["content"])
+    return _has_banks(ground)
+
+
+def recorded_reach(reach: Reach) -> dict[str, Any]:
+    """Return a real river as the record of a suite has it: identified by its content, and with whether it has banks
+    other than forest if it has, which no report can read in a file that is elsewhere."""
+    return reach.as_data() | ({"has_banks": True} if is_on_banks(reach) else {})
 
 
 @cache

@@ -20,6 +20,7 @@ from thalweg.bench.evaluate.rivers import (
     check_files,
     is_on_banks,
     reaches_of,
+    recorded_reach,
     refuse_unknown_levels,
 )
 from thalweg.bench.packaged import PACKAGED, PACKAGED_SEES
@@ -315,9 +316,10 @@ class Suite:
 
     @property
     def has_banks(self) -> bool:
-        """Whether banks other than forest are trained on, or flown on in place of a level."""
-        own = (level for condition in self.conditions for level in condition.levels)
-        return any(is_on_banks(name, self.reaches) for name in (*self.grounds, *own))
+        """Whether banks other than forest are trained on or flown on, also under a condition alone."""
+        own = [level for condition in self.conditions for level in condition.levels]
+        rivers = [condition.river(name) for condition in self.conditions for name in condition.rivers]
+        return any(map(is_on_banks, (*map(self.ground, self.grounds), *own, *rivers)))
 
     def ground(self, name: str) -> str | Reach:
         """Return the real river with a name, or the name itself if it is a level's."""
@@ -345,12 +347,11 @@ class Suite:
         own = self.arm(run.algorithm).encoder if run.kind == "train" else own
         return own or self.encoder
 
-    def _rivers_as_data(self) -> dict[str, Any]:
+    def _reaches_as_data(self) -> dict[str, Any]:
         """Return the real rivers in place of levels as plain data, identified by their content, and which of them have
         other banks; nothing without any, as before there were some."""
-        named = [name for name in self.grounds if name in self.reaches]
-        banks = {name: {"has_banks": True} for name in named if is_on_banks(name, self.reaches)}
-        rivers = {name: self.reaches[name].as_data() | banks.get(name, {}) for name in named}
+        reaches = self.reaches
+        rivers = {name: recorded_reach(reaches[name]) for name in self.grounds if name in reaches}
         return {"rivers": rivers} if rivers else {}
 
     def as_data(self) -> dict[str, Any]:
@@ -366,7 +367,7 @@ class Suite:
         del data["policies"], data["files"]
         return (
             data
-            | self._rivers_as_data()
+            | self._reaches_as_data()
             | functions
             | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
         )

@@ -162,8 +162,10 @@ def levels_of(record: Mapping[str, Any]) -> list[str]:
 
 
 def has_banks(record: Mapping[str, Any]) -> bool:
-    """Return whether a suite's record names a level with other banks than forest, or a real river that has some."""
-    of_files = any(river.get("has_banks") for river in record.get("rivers", {}).values())
+    """Return whether a suite's record names a level with other banks than forest, or a real river that has some, also
+    under a condition alone."""
+    named = (record, *record.get("conditions", []))
+    of_files = any(river.get("has_banks") for each in named for river in dict(each.get("rivers", {})).values())
     return of_files or any("+" in name for name in levels_of(record))
 
 

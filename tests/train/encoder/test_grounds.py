@@ -14,12 +14,14 @@ from thalweg.encoder.files import read_tensors
 from thalweg.encoder.geometry import GeometryNetwork
 from thalweg.encoder.geometry_training import write_geometry
 from thalweg.encoder.water import KIND as WATER
+from thalweg.env.config import ConfigError
+from thalweg.env.rivers.memory import SHARE, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.env.tasks import TASKS
-from thalweg.train.encoder import geometry
+from thalweg.train.encoder import geometry, grounds
 from thalweg.train.encoder.geometry import GeometryTraining
-from thalweg.train.encoder.grounds import JUDGED_APART, REACH_SEEDS, Grounds
+from thalweg.train.encoder.grounds import REACH_SEEDS, Grounds
 from thalweg.train.encoder.probe_table import probe_table
 from thalweg.train.encoder.targets import targets_of
 from thalweg.train.encoder.views import flight_views, start_views
@@ -85,7 +87,7 @@ def test_codes_are_judged_at_other_poses_than_those_of_training(
     for _, judged in asked:
         apart = np.abs(judged[:, None] - learnt[None]).max(axis=2)
         assert apart.min() > 1e-6
-    assert JUDGED_APART > 1_000_000 and not set(REACH_SEEDS["world_seeds"]) & set(REACH_SEEDS["held_out_seeds"])
+    assert not set(REACH_SEEDS["world_seeds"]) & set(REACH_SEEDS["held_out_seeds"])
 
 
 def test_what_does_not_go_with_a_real_river_is_refused(tmp_path: Path, brook: Reach):
@@ -96,6 +98,23 @@ def test_what_does_not_go_with_a_real_river_is_refused(tmp_path: Path, brook: Re
         with pytest.raises(WorldFileError, match=r"none\.gpx: "):
             training.run()
     assert not (tmp_path / "run").exists()
+
+
+def test_valleys_of_training_and_judging_that_do_not_fit_together_are_refused_before_any_is_loaded(
+    tmp_path: Path, brook: Reach, monkeypatch: pytest.MonkeyPatch
+):
+    three = int(3.5 * drawn_bytes(brook.build(1)) / SHARE)
+    monkeypatch.setattr(grounds, "free_bytes", lambda: three)
+    for name in ("worlds", "listed"):
+        monkeypatch.setattr(Grounds, name, lambda *_: pytest.fail("rivers are loaded"))
+    seeds: dict[str, Any] = {"world_seeds": (1, 2), "held_out_seeds": (3, 4)}
+    Grounds((), brook).check_all_fit((1, 2))  # as each list does alone
+    for training in (
+        run(tmp_path / "geometry", river=brook, **seeds),
+        WaterTraining(tmp_path / "water", river=brook, **seeds),
+    ):
+        with pytest.raises(ConfigError, match=r"^4 rivers of .* at most 3 fit$"):
+            training.run(progress=False)
 
 
 def test_the_command_takes_a_river_and_seeds_of_its_plants(

@@ -123,6 +123,7 @@ class GeometryTraining:
 
     def _train(self, path: Path, table: Path, device: str, progress: bool) -> "GeometryResult":
         """Train or resume, and write the encoder and the table of its probes."""
+        self.grounds.check_all_fit(self.seeds, self.judged_seeds)  # each list alone, in two threads, may fit
         compilation.begin()
         with ThreadPoolExecutor(1, "thalweg-held-out") as worker:  # loading rivers takes one core each
             judged = worker.submit(self._judged)
@@ -159,7 +160,7 @@ class GeometryTraining:
     def _check(self) -> None:
         """Raise an error for settings that don't fit."""
         self.grounds.check()
-        self.grounds.check_memory(self.rivers_in_memory)
+        self.grounds.check_limit(self.rivers_in_memory)
         check_size_fits(self.camera, self.config.size_px, "that is trained", EncoderInputError)
         if self.config.targets != self.targets:
             raise EncoderInputError(

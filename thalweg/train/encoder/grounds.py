@@ -5,14 +5,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from thalweg.encoder import EncoderInputError
+from thalweg.env.rivers.memory import check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
-from thalweg.train.river import RiverTraining, banks_version
+from thalweg.train.river import RiverTraining, announce_build, banks_version
 from thalweg.world import Reach, World, level_named, load_or_build
+from thalweg.world.generate.memory import free_bytes
 
 REACH_SEEDS = {"world_seeds": tuple(range(1000, 1006)), "held_out_seeds": tuple(range(3000, 3002))}
 """Seeds of a real river where none are given: each is a whole valley around the same course, and all are in memory."""
 JUDGED_APART = 1_000_003
-"""Added to the seed of the poses that codes are judged at on a real river: its other seeds have the same course, where
+"""Added to the seed of the poses at which a network is judged: on a real river, whose other seeds have the same course,
 the same random numbers would give the poses of training again."""
 
 
@@ -58,7 +60,16 @@ class Grounds:
             return RiverList(self.worlds(seeds))
         return RiverList.of_levels([(level, seeds) for level in self.levels], in_memory)
 
-    def check_memory(self, in_memory: int | None) -> None:
+    def check_all_fit(self, *lists: Sequence[int]) -> None:
+        """Raise `ConfigError` if the valleys of a real river with the seeds of all lists do not fit into the memory
+        together; one of them is built. To be called before any of the lists is loaded."""
+        if self.river is None:
+            return
+        seed = lists[0][0]
+        announce_build(self.river, seed)
+        check_all_fit(sum(map(len, lists)), drawn_bytes(self.river.build(seed)), free_bytes())
+
+    def check_limit(self, in_memory: int | None) -> None:
         """Raise `EncoderInputError` for a limit of rivers in memory, `in_memory`, where there is none to set."""
         if self.river is not None and in_memory is not None:
             raise EncoderInputError(

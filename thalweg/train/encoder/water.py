@@ -31,7 +31,7 @@ from thalweg.render.records.quality import Quality
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.encoder.drawing import Drawing, size_of
 from thalweg.train.encoder.frames import BATCH, clock_times, sample_poses
-from thalweg.train.encoder.grounds import Grounds
+from thalweg.train.encoder.grounds import JUDGED_APART, Grounds
 from thalweg.world import Reach
 
 KIND, PREFIX, CHECKPOINT, FILE = "water training", "network.", "checkpoint.safetensors", "water.safetensors"
@@ -119,12 +119,13 @@ class WaterTraining:
 
     def _learn(self, state: "_State", rows: list[Row], progress: bool) -> None:
         """Take the epochs that are missing in `rows`, and add a row for each."""
+        self.grounds.check_all_fit(self.world_seeds, self.held_out_seeds)
         views: tuple[tuple[Sequence[int], Quality], ...] = (
             (self.world_seeds, self.quality),
             (self.held_out_seeds, "full"),
         )
         shown, judged = (Renderer(self.grounds.worlds(seeds), self.camera, quality) for seeds, quality in views)
-        held_out = draw(judged, self.held_out, self.seed + 1_000_003)
+        held_out = draw(judged, self.held_out, self.seed + JUDGED_APART)
         threads = default_torch_threads()
         if progress:
             say_resumed(self.folder, len(rows), self.epochs)

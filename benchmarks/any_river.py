@@ -208,7 +208,7 @@ def packaged_table(rows: Sequence[dict[str, str]]) -> str:
         [named[policy], words, *(found[policy, kind, level] for level in LEVELS)]
         for policy in OBSERVATIONS
         for kind, words in FLIGHTS.items()
-        if (policy, kind, LEVELS[0]) in found
+        if all((policy, kind, level) in found for level in LEVELS)
     ]
     header = ["policy", "flights", *(f"{level}: return, violations" for level in LEVELS)]
     return markdown(frame(header, lines))

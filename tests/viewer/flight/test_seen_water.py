@@ -12,6 +12,7 @@ from PIL import Image
 from tests.env.shield.channel import Channel, optics_of, straight
 from tests.viewer.flight.conftest import Fly
 from thalweg.bench.evaluate.baselines import BASELINES
+from thalweg.env import RiverVectorEnv
 from thalweg.env.initial_poses import project_anywhere
 from thalweg.env.shield.water_map import CELL_M
 from thalweg.env.task.motion import Pose
@@ -20,6 +21,7 @@ from thalweg.render import Camera
 from thalweg.render.optics.lens import Lens
 from thalweg.viewer.flight.cockpit import Cockpit
 from thalweg.viewer.flight.eye import Eye
+from thalweg.viewer.flight.flight import Flight, env_of
 from thalweg.viewer.flight.options import FlightOptions
 from thalweg.viewer.flight.recording import Folder
 from thalweg.viewer.flight.seen_water import (
@@ -98,7 +100,7 @@ def test_the_picture_has_a_pixel_for_each_cell_and_the_vehicle_at_its_place(cana
     "changes",
     [
         {},
-        {"look": "random", "seed": 5},
+        pytest.param({"look": "random", "seed": 5}, marks=pytest.mark.slow),
         {"vehicle": "asv"},
         {"dynamics": "inertial", "action": "continuous"},
     ],
@@ -134,10 +136,17 @@ def known(picture: np.ndarray) -> int:
     return int((picture != COLOURS[UNSEEN]).any(axis=2).sum())
 
 
+@pytest.fixture(scope="module")
+def env(easy_world: World) -> RiverVectorEnv:
+    """The environment of all cockpits here, whose pictures take seconds to prepare."""
+    return env_of(easy_world, EASY)
+
+
 @pytest.fixture
-def cockpit(tmp_path: Path, easy_world: World) -> Cockpit:
+def cockpit(tmp_path: Path, easy_world: World, env: RiverVectorEnv) -> Cockpit:
     """A cockpit whose pilot has flown eight steps with the map shown."""
     cockpit = Cockpit({"forward": lambda: BASELINES["forward"]}, Folder(tmp_path), "pilot")
+    cockpit.flight = Flight(env, EASY)  # the next one takes its environment
     cockpit.start(easy_world, EASY)
     cockpit.frame("mask", 1.0, mask=False, seen=True)
     cockpit.advance(8)

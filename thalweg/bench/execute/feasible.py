@@ -20,7 +20,7 @@ def check_feasible(suite: Suite, runs: Sequence[Run]) -> None:
     Raises `WorldError` for rivers that cannot be built, and `ConfigError` for the task of a plug-in whose deadline
     nobody can meet on the fixed river of a level of the suite, or on a real river in place of one.
     """
-    _check_rivers(suite)
+    _check_courses(suite)
     arms = [arm for arm in suite.arms if arm.label in {run.algorithm for run in runs if run.kind == "train"}]
     stages = [(arm, stage) for arm in arms for stage in (*arm.before, arm)]
     if suite.task not in TASKS:
@@ -41,7 +41,7 @@ def check_feasible(suite: Suite, runs: Sequence[Run]) -> None:
     )
 
 
-def _check_rivers(suite: Suite) -> None:
+def _check_courses(suite: Suite) -> None:
     """Raise `WorldError` for a file from which no river can be made, and for a reach of other banks that does not lie
     on the fixed river of its level."""
     for condition in suite.conditions:

@@ -16,6 +16,7 @@ from thalweg.bench.evaluate.rivers import NAME
 from thalweg.bench.suite.views import views_in_words
 from thalweg.core.config import TupleOf, frozen_config, parse_config
 from thalweg.env.tasks import PAPER_TASK
+from thalweg.world.real.selection import Selection
 
 
 @frozen_config(ResultsError, extra="ignore")
@@ -177,7 +178,7 @@ def rivers_in_words(record: Mapping[str, Any]) -> str:
 
 def _reach_in_words(river: Mapping[str, Any]) -> str:
     """Return the file of a real river, the hash of its content, and the options that were given."""
-    usual = {"width_m": None, "start_m": 0.0, "length_m": None, "smooth_m": 0.0}
+    usual = {name: each.default for name, each in Selection.__dataclass_fields__.items()}
     options = {name: value for name, value in river.items() if name not in ("file", "content", "has_banks")}
     given = [f"{name}={value}" for name, value in options.items() if value != usual.get(name)]
     of = f", {', '.join(given)}" if given else ""

@@ -4,13 +4,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from tests.env import handmade
 from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate.conditions import Trial
+from thalweg.bench.evaluate.course import Course
 from thalweg.bench.execute import backend
 from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.execute.runner import claim
-from thalweg.bench.suite.arms import Arm
+from thalweg.bench.suite.arms import Arm, Function, Run
 from thalweg.bench.suite.builtin import load_suite
 from thalweg.bench.suite.config import Suite
 from thalweg.bench.suite.record import read_suite, rules_in_words
@@ -18,7 +22,7 @@ from thalweg.bench.suite.views import TrainingViews
 from thalweg.cli.bench import Rules
 from thalweg.cli.views import TrainedViews
 from thalweg.core.config import parse_config
-from thalweg.env import EnvConfig
+from thalweg.env import EnvConfig, sample_starts
 from thalweg.render import Camera, Randomisation
 from thalweg.render.optics.lens import Lens
 
@@ -87,6 +91,17 @@ def test_continuous_actions_are_those_of_training_and_flights():
     assert replace(OWN, arms=(begun,)).arms == (begun,)
     with pytest.raises(ResultsError, match="arm begun: the packaged policy has no continuous actions"):
         replace(suite, arms=(begun,))
+
+
+def test_functions_that_choose_options_fly_by_continuous_actions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "mine.py").write_text("def ahead(obs):\n    return [1, 1, 0, 1]\nahead.observation = 'privileged'\n")
+    views = TrainingViews(action="continuous")
+    suite = replace(OWN, policies=(Function(f"{tmp_path / 'mine.py'}:ahead"),), views=views, episodes=2)
+    ring = handmade.ring()
+    course = Course(ring, sample_starts(ring, 2, 0), np.zeros(2), np.arange(2))
+    monkeypatch.setattr(Course, "of_level", classmethod(lambda *_, drawn=True: course))
+    rows = RiverBackend(suite).evaluate(Run("function", "ahead", 0), tmp_path, Trial("Medium"), lambda _: None)
+    assert [row.length > 1 for row in rows] == [True, True]
 
 
 def test_settings_of_frames_are_refused_where_nothing_is_drawn():

@@ -208,10 +208,6 @@ class Suite:
                 f"arm {begun[0]}: the packaged policy has no continuous actions, which the flights take: leave"
                 " begin_with out"
             )
-        if self.policies:
-            raise ValueError(
-                f"{self.policies[0].label}: functions take discrete actions, but the flights take continuous ones"
-            )
         shields = [condition.name for condition in self.conditions if condition.shield]
         if shields:
             raise ValueError(f"condition {shields[0]}: the shield judges no continuous actions, which the flights take")

@@ -218,11 +218,13 @@ def test_runs_on_other_banks_depend_on_their_version(tmp_path: Path, brook: Path
 def test_the_report_shows_levels_on_other_banks_and_the_real_rivers_of_the_package(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(failure_maps, "load_or_build", lambda level, seed: (level.name, seed))
     monkeypatch.setattr(Reach, "build", lambda reach, seed: (reach.name, seed))
-    flown = [SimpleNamespace(level=level, world_seed=1) for level in ("Medium+meadow", "Cam", "brook")]
-    recorded = {"Cam": RIVERS["Cam"].as_data(), "brook": {}}
+    flown = [
+        SimpleNamespace(level=level, world_seed=1) for level in ("Medium+meadow", "Cam", "brook", "Medium+glacier")
+    ]
+    recorded = {"Cam": RIVERS["Cam"].as_data() | {"has_banks": True}, "brook": {}}
     results: Any = SimpleNamespace(episodes=flown, suite={"rivers": recorded})
     shown = [failure_maps._world(results, row.level) for row in flown]
-    assert shown == [("Medium+meadow", 1), ("cam.geojson", 1), None]
+    assert shown == [("Medium+meadow", 1), ("cam.geojson", 1), None, None]
     recorded["Cam"]["content"] = "another"
     assert failure_maps._world(results, "Cam") is None
 

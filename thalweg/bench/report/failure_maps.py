@@ -19,7 +19,7 @@ from thalweg.bench.evaluate.rivers import RIVERS
 from thalweg.bench.report.figures import REASON_COLOURS, STYLE
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.world import LEVELS, World, level_named, load_or_build
+from thalweg.world import LEVELS, World, WorldError, level_named, load_or_build
 from thalweg.world.bridges import deck
 from thalweg.world.islands import outline
 from thalweg.world.map_image import DECK, view
@@ -106,8 +106,12 @@ def _world(results: Results, level: str) -> World | None:
     if len(seeds) != 1:
         return None
     if level.partition("+")[0] in LEVELS:
-        return load_or_build(level_named(level), seeds.pop())
-    recorded = results.suite.get("rivers", {}).get(level)
+        try:
+            known = level_named(level)
+        except WorldError:  # another version knows these banks
+            return None
+        return load_or_build(known, seeds.pop())
+    recorded = {key: each for key, each in results.suite.get("rivers", {}).get(level, {}).items() if key != "has_banks"}
     reach = RIVERS.get(level)
     return reach.build(seeds.pop()) if reach is not None and reach.as_data() == recorded else None
 

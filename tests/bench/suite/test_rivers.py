@@ -189,6 +189,19 @@ def test_rivers_that_cannot_be_built_are_refused_before_anything_runs(
     assert place.calls == [] and not (tmp_path / "new").exists()
 
 
+def test_a_file_that_is_edited_while_a_suite_runs_fails_the_runs_after_it(tmp_path: Path, brook: Path):
+    class Edits(SmallBackend):
+        def train(self, run: Run, folder: Path) -> None:
+            super().train(run, folder)
+            brook.write_text(LINE.replace("9.0012", "9.0013"))
+
+    place = Edits()
+    failed = run_suite(on_brook(brook), tmp_path / "results", place).failed
+    assert [call for call in place.calls if call.startswith("train")] == ["train PPO-0"]
+    assert [row.run for row in failed] == ["PPO-1", "FOCOPS-0", "FOCOPS-1"]
+    assert "brook.geojson has changed since the suite in" in failed[0].error
+
+
 def test_a_river_with_two_files_is_refused(brook: Path):
     other = Condition("mine", rivers=("brook",), files={"brook": {"file": str(brook), "width_m": 8.0}})
     with pytest.raises(ResultsError, match="river brook: condition mine has another file, or other options"):

@@ -22,6 +22,7 @@ from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import read_episodes, write_episodes
 from thalweg.bench.evaluate.progress import complete, progress_bar, track_episodes
 from thalweg.bench.execute.backend import Backend
+from thalweg.bench.execute.river_files import require_unchanged
 from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.bench.results.results import RunRow, evaluation_path
 from thalweg.bench.suite.arms import Run
@@ -170,6 +171,7 @@ def execute_run(run: Run, context: ExecutionContext) -> RunRow:
     error = ""
     try:
         (run_folder / "error.txt").unlink(missing_ok=True)
+        require_unchanged(context.suite, context.folder)
         if run.kind == "train" and not (run_folder / POLICY).exists():
             plan = ", then ".join(f"{steps:,} steps on {level}" for steps, level in _stages(run, context.suite))
             console.print(f"{run.name}: train {plan}", highlight=False)

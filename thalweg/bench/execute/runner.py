@@ -21,6 +21,7 @@ from thalweg.bench.execute.backend import Backend, RiverBackend
 from thalweg.bench.execute.executors import ExecutionContext, Executor, SerialExecutor, is_evaluated
 from thalweg.bench.execute.feasible import check_feasible
 from thalweg.bench.execute.filming import film_flights
+from thalweg.bench.execute.river_files import recorded_rivers
 from thalweg.bench.report.report import Report, write_report
 from thalweg.bench.results.curve import write_curve
 from thalweg.bench.results.outdated import discard, is_current, prepare
@@ -150,8 +151,8 @@ def claim(folder: Path, suite: Suite) -> None:
     except ResultsError as error:
         raise ResultsError(f"{folder} cannot be resumed: {error}; choose another folder") from error
     recorded, requested = comparable(record, suite)
-    before = _rivers_of(recorded)
-    for place, river in _rivers_of(requested).items():
+    before = recorded_rivers(recorded)
+    for place, river in recorded_rivers(requested).items():
         RESULTS_FOLDER.require_same_file(folder, before.get(place, {}), river)
     RESULTS_FOLDER.require_same(folder, recorded, requested)
 
@@ -170,17 +171,6 @@ def comparable(record: dict[str, Any], suite: Suite) -> tuple[dict[str, Any], di
     requested = usual | json.loads(json.dumps(suite.as_data()))
     recorded = usual | {key: value for key, value in record.items() if key in requested}
     return _arms_by_name(recorded), _arms_by_name(requested)
-
-
-def _rivers_of(record: dict[str, Any]) -> dict[tuple[str, str], dict[str, Any]]:
-    """Return the real rivers of a suite's record by condition and name; the condition of those in place of levels is
-    empty."""
-    conditions = {condition["name"]: condition["rivers"] for condition in record.get("conditions", [])}
-    return {
-        (of, name): river
-        for of, rivers in ({"": record["rivers"]} | conditions).items()
-        for name, river in rivers.items()
-    }
 
 
 def _arms_by_name(record: dict[str, Any]) -> dict[str, Any]:

@@ -314,8 +314,15 @@ class Suite:
     def has_banks(self) -> bool:
         """Whether banks other than forest are trained on or flown on, also under a condition alone."""
         own = [level for condition in self.conditions for level in condition.levels]
-        rivers = [condition.river(name) for condition in self.conditions for name in condition.rivers]
-        return any(map(is_on_banks, (*map(self.ground, self.grounds), *own, *rivers)))
+        return any(map(is_on_banks, (*map(self.ground, self.grounds), *own, *self.reaches_flown.values())))
+
+    @property
+    def reaches_flown(self) -> dict[tuple[str, str], Reach]:
+        """Real rivers that are trained on or flown on, by condition and name; the condition of those in place of levels
+        is empty."""
+        reaches = self.reaches
+        in_place = {("", name): reaches[name] for name in self.grounds if name in reaches}
+        return in_place | {(each.name, name): each.river(name) for each in self.conditions for name in each.rivers}
 
     def ground(self, name: str) -> str | Reach:
         """Return the real river with a name, or the name itself if it is a level's."""

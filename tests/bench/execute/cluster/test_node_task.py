@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute.backend import installed_versions
 from thalweg.bench.execute.cluster.node_task import RunRequest, RunUpdate, run_on_node
 from thalweg.bench.execute.cluster.ray_executor import _node_function
+from thalweg.bench.execute.river_files import OtherRiverError, river_contents
 from thalweg.bench.suite.arms import Run
 
 RUN = Run("train", "PPO", 0)
@@ -91,6 +93,18 @@ def test_a_node_with_other_sources_says_which_are_there_and_which_here():
     message = f"node {NODE} of the cluster has another Thalweg .world {installed_versions()['world']} there, 99 here.$"
     with pytest.raises(ResultsError, match=message):
         next(run_on_node(request(SmallBackend(), versions=ours)))
+
+
+def test_a_node_with_another_file_of_a_river_trains_nothing(tmp_path: Path):
+    brook = tmp_path / "brook.geojson"
+    brook.write_text("{}")
+    suite = replace(SUITE, train_level="brook", test_levels=("brook",), files={"brook": {"file": str(brook)}})
+    sent = replace(request(SmallBackend()), suite=suite, rivers=river_contents(suite))
+    assert next(run_on_node(sent)) == RunUpdate(NODE)
+    for content in ("{ }", None):
+        brook.unlink() if content is None else brook.write_text(content)
+        with pytest.raises(OtherRiverError, match=rf"^node {NODE} of the cluster has another file .*brook\.geojson \("):
+            next(run_on_node(sent))
 
 
 def test_a_node_without_thalweg_says_so(tmp_path: Path):

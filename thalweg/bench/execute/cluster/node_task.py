@@ -16,6 +16,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute.backend import Backend, installed_versions
 from thalweg.bench.execute.cluster.run_archive import Files, archive_names, milestones, pack, unpack
 from thalweg.bench.execute.executors import execute_run_logged
+from thalweg.bench.execute.river_files import Place, require_same_on_node
 from thalweg.bench.results.results import RunRow
 from thalweg.bench.results.run_versions import current_sources
 from thalweg.bench.suite.arms import Run
@@ -44,6 +45,8 @@ class RunRequest:
     """Files of plug-ins to load, each by its name, with the modules beside it that it imports, by relative paths."""
     sources: Mapping[str, str] = field(default_factory=dict)
     """Hashes of the sources of the plug-ins of the run, where the results are collected."""
+    rivers: Mapping[Place, str] = field(default_factory=dict)
+    """Hashes of the files of the suite's real rivers, where the results are collected."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +64,12 @@ class RunUpdate:
 def run_on_node(request: RunRequest) -> Iterator[RunUpdate]:
     """Execute a run; yields an update at its start, while it makes progress, and at its end.
 
-    Raises `ResultsError` if this machine has other versions, and `OSError` if its disk is full.
+    Raises `ResultsError` if this machine has other versions or another file of a river, and `OSError` if its disk is
+    full.
     """
     node = socket.gethostname()
     _require_same_versions(request.versions, node)
+    require_same_on_node(request.suite, request.rivers, node)
     yield RunUpdate(node)
     with (
         tempfile.TemporaryDirectory(prefix="thalweg-", ignore_cleanup_errors=True) as name,

@@ -16,6 +16,7 @@ from thalweg.bench.execute.cluster.connection import check_address, check_ray, r
 from thalweg.bench.execute.cluster.node_task import RunRequest, RunUpdate
 from thalweg.bench.execute.cluster.run_archive import milestones, pack, unpack
 from thalweg.bench.execute.executors import THREAD_VARIABLES, ExecutionContext, execute_run, print_row, run_row
+from thalweg.bench.execute.river_files import OtherRiverError, require_unchanged, river_contents
 from thalweg.bench.results.results import RunRow
 from thalweg.bench.results.run_versions import current_sources
 from thalweg.bench.suite.arms import Run
@@ -109,6 +110,7 @@ class RayExecutor:
         """Return the pickled request for a run."""
         files = pack(context.folder, state.run.name, context.suite.trials(state.run))
         state.reached |= milestones(files)
+        require_unchanged(context.suite, context.folder)
         request = RunRequest(
             state.run,
             context.suite,
@@ -118,6 +120,7 @@ class RayExecutor:
             self.sync_interval_s,
             file_contents(),
             current_sources(context.suite.plugins_of(state.run)),
+            river_contents(context.suite),
         )
         return ray.cloudpickle.dumps(request)
 
@@ -171,6 +174,8 @@ def _process_update(ray: Any, stream: Any, state: _RunState, context: ExecutionC
 
 def _failed_row(cause: BaseException, state: _RunState, context: ExecutionContext) -> RunRow:
     """Return the row of a run that failed with an error on its node; raises an error that concerns all nodes."""
+    if isinstance(cause, OtherRiverError):
+        raise ResultsError(str(cause)) from cause
     if isinstance(cause, ResultsError | ImportError):
         raise ResultsError(f"{cause}; install the same Thalweg on every node") from cause
     error = f"{type(cause).__name__}: {cause} (on {state.node or 'a node'})"

@@ -174,7 +174,7 @@ WRONG = [
     (["bench", "quick", "--out", "x", "--jobs", "0"], "--jobs must be at least 1, not 0; such as --jobs 2"),
     (["train", "--steps", "0", "--observation", "privileged", "--out", "x"], "--steps must be at least 1, got 0; such"),
     (["train", "--set", "learning_rate", "--out", "x"], "key=value"),
-    (["evaluate", "nothing_here"], "packaged, random, hover, forward, pilot, steady"),
+    (["evaluate", "nothing_here"], "packaged, packaged-rgb, random, hover, forward, pilot, steady"),
     (["evaluate", "pilto"], "(did you mean 'pilot'?)"),
     (["evaluate", "hover", "--levels", "medum"], "Easy, Medium, Hard"),
     (["evaluate", "hover", "--levels", "easy", "hard", "Easy"], "--levels names Easy twice; each level is flown once"),

@@ -60,7 +60,7 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path, capsys: pytest
 
 def test_the_help_names_all_looks():
     help_text = (ROOT / "thalweg" / "cli" / "flight_options.py").read_text()
-    (listed,) = re.findall(r'"""Appearance: ([^;]*);', help_text)
+    (listed,) = re.findall(r'"""Appearance: (.*)\."""', help_text)
     assert re.split(", | or ", listed) == list(LOOKS)
 
 

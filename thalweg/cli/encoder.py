@@ -33,8 +33,7 @@ class EncoderTrain(Command):
     """Level whose river the images show; for geometry and water several."""
     river: River = NO_FILE
     world_seeds: Annotated[tuple[str, ...], by_target("world_seeds")] = ()
-    """Seeds of rivers, such as 0 5 1000:1016 (1016 excluded); for image, the level's fixed one, and with --river, where
-    they change plants and hills, 0 for image and 1000:1006 for the others if none is given."""
+    """Seeds of rivers, such as 0 5 1000:1016 (1016 excluded); for image, the level's fixed one if none is given."""
     held_out_seeds: Annotated[tuple[str, ...], by_target("held_out_seeds")] = ()
     """For geometry and water: seeds of rivers, with --river 3000:3002 by default, for measurement only."""
     images: Annotated[int | None, by_target("images")] = None

@@ -27,8 +27,7 @@ class Evaluate(Command):
     """Evaluate a policy from the fixed list of starts of each river, with the kind of actions that it has."""
 
     policy: Positional[str]
-    """A run's folder, a policy file, a function (fly.py:fly), `packaged`, `packaged-rgb`, random, hover, forward, pilot
-    or steady."""
+    """A run's folder, a policy file, a function (fly.py:fly), packaged, packaged-rgb, or a baseline such as pilot."""
     levels: tuple[str, ...] = ()
     """Levels to fly on; by default Easy, Medium and Hard, for the boat Easy, Medium-Deep and Hard-Deep."""
     river: River = NO_FILE
@@ -54,8 +53,7 @@ class Evaluate(Command):
     quality: Literal["full", "fast"] = "full"
     """Quality of the frames that policies see; the names of results with `fast` say so."""
     camera: tuple[str, ...] = ()
-    """Settings of the camera that differ from the policy's training, such as fov_deg=75 pitch_deg=10, and before them
-    the YAML file of a calibration; the names of results say so."""
+    """Calibration and settings of another camera than that of the training, such as lens.yaml pitch_deg=10."""
     randomise: bool = False
     """Vary the appearance of each start, the same for all policies; the names of results say so."""
     sample: bool = False

@@ -16,8 +16,7 @@ class Film(FlownFlight):
     steps: int | None = None
     """Greatest number of steps; by default to the end of the flight."""
     camera: tuple[str, ...] = ()
-    """Settings of the filming camera, such as fov_deg=75 height_px=480 width_px=640, and before them the YAML file of a
-    calibration; policies see through the camera of their training."""
+    """Calibration and settings of the filming camera, such as lens.yaml fov_deg=75; policies see through their own."""
     out: Path = Path("flight.mp4")
     """Film to write, an .mp4 file; an existing one is replaced. A picture of it is written beside it."""
 

@@ -27,8 +27,7 @@ class ChosenFlight(Command):
     action: Literal["multidiscrete", "continuous"] | None = None
     """Kind of actions, by default that of the policies; sticks of gamepads are proportional with continuous ones."""
     look: str = "as trained"
-    """Appearance: as trained, autumn, mist, overcast, brown water, still water, poor camera or random; `random` draws
-    one for each flight, as --randomise of other commands does."""
+    """Appearance: as trained, autumn, mist, overcast, brown water, still water, poor camera or random."""
     wind: float = 0.0
     """Mean speed of the wind in m/s; 0 is no wind."""
     quality: Literal["full", "fast"] = "full"

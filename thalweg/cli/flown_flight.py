@@ -19,8 +19,7 @@ class FlownFlight(ChosenFlight):
     """A flight, and who flies it."""
 
     flight: Positional[str] = "packaged"
-    """A run's folder, a policy file, a function (fly.py:fly), `packaged`, `packaged-rgb`, `pilot`, `steady`, `hover`,
-    or a saved flight, an .npz file."""
+    """A run's folder, policy or .npz file, a function (fly.py:fly), packaged, packaged-rgb, pilot, steady or hover."""
 
     @property
     def saved(self) -> bool:

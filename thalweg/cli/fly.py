@@ -23,8 +23,7 @@ class Fly(ChosenFlight):
     than that of the options."""
 
     policies: Positional[tuple[str, ...]] = ()
-    """Runs' folders, policy files or functions (fly.py:fly) to watch, beside the pilots and packaged policies; the
-    first one flies first."""
+    """Runs' folders, policy files or functions (fly.py:fly) to watch beside the usual ones; the first flies first."""
     size: int = 384
     """Height and width of a frame in pixels."""
     out: Path = Path("flights")

@@ -39,8 +39,7 @@ class Record(FlownFlight):
     size: int = 128
     """Height and width of a frame in pixels."""
     camera: tuple[str, ...] = ()
-    """Settings of the recorded camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration;
-    policies see through the camera of their training."""
+    """Calibration and settings of the recorded camera, such as lens.yaml fov_deg=75; policies see through their own."""
     video: bool = False
     """Keep the colours as an H.264 video, which is smaller and lossy; else every frame is lossless."""
 

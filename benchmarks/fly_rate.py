@@ -184,7 +184,7 @@ def table() -> str:
     names = ["frames", "flies", *(f"{speed}: {what}" for speed in SPEEDS for what in ("frames/s", "ms, 95 of 100"))]
     first = rows[0]
     note = wrap(
-        "Frames a second at the pace that the page begins with, at most 40, and at *fastest*, a step for each frame;"
+        "Frames a second at the pace that the page begins with, at most 40, and at *fastest*, at most 150;"
         " and within how many milliseconds 95 of 100 frames follow the one before. A client on the same machine takes"
         " each frame at once and shows none: a browser needs time of its own. Medium, full quality,"
         f" {first['cores']} cores of type {first['cpu_type']}, with vectors of {first['vector_bits']} bits,"

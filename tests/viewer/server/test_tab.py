@@ -74,6 +74,18 @@ def test_a_flight_goes_on_by_itself_until_it_is_paused(server: Server):
         assert (frame["step"], list(frame["images"])) == (paused, ["depth"])
 
 
+def test_the_fastest_flight_waits_between_its_frames(server: Server, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("thalweg.viewer.server.tab.MOST_FRAMES_PER_S", 1e-3)
+    with server.flying() as page:
+        page.say("control", pilot="pilot")
+        page.say("run", paused=False, speed=None)
+        page.at_step(1)
+        for _ in range(9):  # without the wait, each answer brings a frame, and the flight goes on
+            page.say("save")
+            name = page.until("saved")["name"]
+        assert len(server.folder.read(name).actions) == 1
+
+
 def test_what_is_held_flies(server: Server):
     with server.flying() as page:
         page.say("hold", action=(1, 0, 0, 0))

@@ -31,8 +31,9 @@ from thalweg.viewer.server.pace import Pace
 
 T = TypeVar("T")
 
-FRAMES_PER_S = 40.0
-"""Most frames in a second while a flight moves at a speed of its own."""
+FRAMES_PER_S, MOST_FRAMES_PER_S = 40.0, 150.0
+"""Most frames in a second while a flight moves at a speed of its own, and at the fastest. The page answers each frame,
+and has other messages too: see `MOST_A_SECOND`."""
 IN_FLIGHT = 2
 """Frames that are sent before the page says that it has shown one."""
 MOST_WAITING, MOST_A_SECOND = 32, 240
@@ -236,7 +237,7 @@ class Tab:
         }
         header = json.dumps(about).encode()
         await self._socket.send_bytes(b"".join([struct.pack("<I", len(header)), header, *drawn.values()]))
-        self._next_frame = began + (1.0 / FRAMES_PER_S if self._speed is not None else 0.0)
+        self._next_frame = began + 1.0 / (MOST_FRAMES_PER_S if self._speed is None else FRAMES_PER_S)
 
     async def _rest(self) -> None:
         """Wait until there is something to do: a message, the next frame, or the next step."""

@@ -26,6 +26,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from package_flight import NAMES
 from page_sections import replace_section
 from river_flights import RESULTS, append, figures_of, fly, fly_cells, mean_return
 
@@ -35,7 +36,6 @@ from thalweg.bench.evaluate.conditions import RIVERS
 from thalweg.bench.evaluate.course import UNSEEN, Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Label
-from thalweg.bench.packaged import PACKAGED, PACKAGED_RGB
 from thalweg.bench.report.table import frame, markdown
 from thalweg.bench.results.inference import Estimate, t_interval, widen_to_wilson, wilson_interval
 from thalweg.core import versions
@@ -197,7 +197,6 @@ def page_table(rows: Sequence[dict[str, str]]) -> str:
 def packaged_table(rows: Sequence[dict[str, str]]) -> str:
     """Return the table of the packaged policies, which are the students of seed 0: of each kind of flights on each
     level the mean return with its standard error over flights, and the share of flights that end in a violation."""
-    named = {"rgb+mask": PACKAGED, "rgb": PACKAGED_RGB}
     found = {
         (row["policy"], row["kind"], row["level"]): f"{float(row['return']):.2f} ± {float(row['return_error']):.2f},"
         f" {100 * float(row['violations']):.1f} %"
@@ -205,7 +204,7 @@ def packaged_table(rows: Sequence[dict[str, str]]) -> str:
         if row["seed"] == "0" and all(row[name] == str(version) for name, version in VERSIONS.items())
     }
     lines = [
-        [named[policy], words, *(found[policy, kind, level] for level in LEVELS)]
+        [NAMES[policy], words, *(found[policy, kind, level] for level in LEVELS)]
         for policy in OBSERVATIONS
         for kind, words in FLIGHTS.items()
         if all((policy, kind, level) in found for level in LEVELS)

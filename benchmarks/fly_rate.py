@@ -8,7 +8,7 @@ shown as soon as it has arrived: what a browser takes to show it comes on top. T
 begins with, camera and water mask; `policy's view` adds what the policy sees and the bird's-eye map.
 
 Two paces are told to the server. `2 x` is the one that the page begins with: eight steps a second, between which the
-camera moves on, and at most 40 frames. `fastest` lifts it: a step for each frame, and as many as can be drawn. A flight
+camera moves on, and at most 40 frames. `fastest` takes a step for each frame, at most 150 a second. A flight
 that ends begins again from the next start; the time between flights, and the first frames of each, do not count.
 """
 

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from PIL import Image
 
+from tests.cli.calibration import LENS
 from tests.image_policies import image_policy
 from thalweg.bench.evaluate.evaluation import Step, observation_function
 from thalweg.bench.suite.views import TrainingViews
@@ -124,17 +125,8 @@ def test_a_run_through_another_camera_trains_is_evaluated_and_exported(tmp_path:
     assert "of 32 x 48 pixels, 75 degrees" in capsys.readouterr().out
 
 
-CALIBRATION = """
-image_width: 640
-image_height: 480
-camera_matrix: {rows: 3, cols: 3, data: [330.0, 0.0, 330.0, 0.0, 325.0, 230.0, 0.0, 0.0, 1.0]}
-distortion_model: plumb_bob
-distortion_coefficients: {rows: 1, cols: 5, data: [-0.2, 0.04, 0.001, -0.001, 0.0]}
-"""
-
-
 def test_the_lens_of_a_calibration_is_drawn_trained_evaluated_and_exported(tmp_path: Path, easy_world: World, capsys):
-    (tmp_path / "lens.yaml").write_text(CALIBRATION)
+    (tmp_path / "lens.yaml").write_text(LENS)
     views = ["--camera", str(tmp_path / "lens.yaml"), "height_px=36", "width_px=48"]
     camera = camera_from(tuple(views[1:]))
     pose = np.array([[*easy_world.river.position_m[3], easy_world.river.level_m[3] + 4.0, 1.0]])
@@ -153,7 +145,7 @@ def test_the_lens_of_a_calibration_is_drawn_trained_evaluated_and_exported(tmp_p
     assert main(["export", str(run), "--out", str(tmp_path / "policy.onnx")]) == 0
     assert "36 x 48 pixels, 72.8889 degrees behind a plumb_bob lens;" in " ".join(capsys.readouterr().out.split())
     # The same run behind another lens is another run.
-    (tmp_path / "lens.yaml").write_text(CALIBRATION.replace("-0.2,", "-0.19,"))
+    (tmp_path / "lens.yaml").write_text(LENS.replace("-0.2,", "-0.19,"))
     assert main([*train, *views]) == 2
     assert "lens" in capsys.readouterr().err
 

@@ -191,9 +191,10 @@ def _name_of(policy: "Policy | RecurrentPolicy", command: Evaluate) -> str:
         "shield": command.shield,
         "fast frames": command.quality == "fast",
         "varied looks": command.randomise,
-        (camera := camera_in_words(policy, command.policy, command.camera)): bool(camera),
     }
-    return name + "".join(f" ({words})" for words, applies in unusual.items() if applies)
+    told = [*(words for words, applies in unusual.items() if applies)]
+    told += filter(None, [camera_in_words(policy, command.policy, command.camera)])
+    return name + "".join(f" ({words})" for words in told)
 
 
 def _encoder_for(policy: "Policy | RecurrentPolicy", command: Evaluate, rules: "EnvConfig") -> "Encoder | None":

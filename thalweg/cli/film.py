@@ -16,7 +16,7 @@ class Film(FlownFlight):
     steps: int | None = None
     """Greatest number of steps; by default to the end of the flight."""
     camera: tuple[str, ...] = ()
-    """Calibration and settings of the filming camera, such as lens.yaml fov_deg=75; policies see through their own."""
+    """Calibration and settings of the filming camera, such as a.yaml pitch_deg=10; policies see through their own."""
     out: Path = Path("flight.mp4")
     """Film to write, an .mp4 file; an existing one is replaced. A picture of it is written beside it."""
 

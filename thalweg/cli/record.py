@@ -39,7 +39,7 @@ class Record(FlownFlight):
     size: int = 128
     """Height and width of a frame in pixels."""
     camera: tuple[str, ...] = ()
-    """Calibration and settings of the recorded camera, such as lens.yaml fov_deg=75; policies see through their own."""
+    """Calibration and settings of the recorded camera, such as a.yaml pitch_deg=10; policies see through their own."""
     video: bool = False
     """Keep the colours as an H.264 video, which is smaller and lossy; else every frame is lossless."""
 

@@ -20,13 +20,14 @@ from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import Condition, Trial
 from thalweg.bench.evaluate.course import Course
 from thalweg.bench.execute import backend
-from thalweg.bench.execute.backend import RiverBackend
+from thalweg.bench.execute.backend import RiverBackend, installed_versions
 from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.bench.pictures import film
 from thalweg.bench.pictures.film_format import SMALL
 from thalweg.bench.suite.arms import Arm, Run, Stage
 from thalweg.bench.suite.config import Suite
 from thalweg.core import versions
+from thalweg.core.plugins.record import RESERVED
 from thalweg.env import sample_starts
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import Camera
@@ -281,3 +282,8 @@ def test_the_shield_reads_masks_through_the_camera_of_the_policy(
     monkeypatch.setattr(backend, "evaluate", lambda *arguments, **_: given.append(arguments[3].env.camera) or [])
     flown.evaluate(Run("train", "PPO", 0), tmp_path, Trial("Easy", Condition("kept", shield=shield)), lambda _: None)
     assert given == [Camera(**camera) if shield else Camera()]
+
+
+def test_no_plugin_has_the_name_of_a_version_that_results_record():
+    recorded = {name for name in installed_versions() if name.isidentifier() and name[0].islower()}
+    assert {"banks", "world"} <= recorded <= {*RESERVED}

@@ -37,8 +37,8 @@ def reaches_of(files: Files) -> dict[str, Reach]:
 
 
 def check_files(files: Files, where: str = "") -> None:
-    """Raise `ValueError` for a file that is not there, an option that is wrong, or a name that is taken; `where` begins
-    the last of these messages."""
+    """Raise `ValueError` for a file that is not there, an option that is wrong, or a name that is taken, whose message
+    begins with `where`."""
     for name, options in files.items():
         if not NAME.fullmatch(name):
             raise ValueError(f"a river is called {name!r}; letters, digits, - and . will do")

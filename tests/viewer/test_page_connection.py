@@ -122,13 +122,13 @@ def test_a_flight_that_is_chosen_meanwhile_is_not_replaced_by_the_lost_one(brows
 def test_a_server_that_is_full_is_tried_again(browser: Browser, relay: Relay):
     browser.run(NO_PLACE)
     relay.cut()
-    wait_for(browser, TEXT.format("notice"), lambda text: "2 of 5" in text)
+    wait_for(browser, TEXT.format("notice"), lambda text: "2 of 10" in text)
     wait_for(browser, TEXT.format("error"), lambda text: "the flight was lost" in text)
 
 
 def test_a_server_that_cannot_be_reached_is_not_said_to_have_stopped(browser: Browser, relay: Relay):
     relay.close()
-    wait_for(browser, TEXT.format("notice"), lambda text: "The connection is broken" in text and "1 of 5" in text)
+    wait_for(browser, TEXT.format("notice"), lambda text: "The connection is broken" in text and "1 of 10" in text)
     assert browser.run("return document.getElementById('go').disabled")
     told = wait_for(browser, TEXT.format("notice"), lambda text: "cannot be reached" in text)
     assert told.endswith("It has stopped, or the way to it is broken. Reload this page to try again.")

@@ -1,10 +1,12 @@
 """Connections that break while the server works for them: the work ends, the tab is gone, and other tabs go on."""
 
+import re
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from tests.viewer.server.conftest import TOKEN, Page
 from thalweg.viewer.flight.cockpit import Cockpit
 from thalweg.viewer.flight.options import FlightOptions
 from thalweg.viewer.flight.recording import Folder
+from thalweg.viewer.server import app
 from thalweg.viewer.server.app import THREADS, bind, make_app, make_server, make_shared
 from thalweg.viewer.server.tab import Tab
 from thalweg.world import World
@@ -42,6 +45,10 @@ class Wire:
     def drop(self) -> None:
         """Break the connection without a word."""
         self._socket.socket.shutdown(socket.SHUT_RDWR)
+
+    def fall_silent(self) -> None:
+        """Answer nothing any more, as a machine that has lost its network; to be called once."""
+        self._socket.protocol.data_to_send = list
 
 
 class Gate:
@@ -96,6 +103,13 @@ def wait_until(holds: Callable[[], bool]) -> None:
     while not holds():
         assert time.monotonic() < deadline
         time.sleep(0.01)
+
+
+@pytest.fixture
+def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets servers notice at once that a connection is silent."""
+    monkeypatch.setattr(app, "PING_S", 0.2)
+    monkeypatch.setattr(app, "SILENCE_S", 0.5)
 
 
 @pytest.fixture
@@ -181,3 +195,16 @@ def test_a_tab_that_breaks_off_while_a_river_is_built_harms_no_other_tab(
     assert other.at_step(1)["step"] == 1
     gate.opened.set()
     wait_until(lambda: gate.passed == 1)
+
+
+@pytest.mark.usefixtures("hasty")
+def test_a_connection_that_falls_silent_gives_up_its_place(server: Running):
+    server.page().socket.fall_silent()
+    wait_until(lambda: not server.shared.tabs)
+
+
+def test_a_page_tries_again_until_its_silent_connection_has_given_up_its_place():
+    script = files("thalweg.viewer").joinpath("page", "page.js").read_text(encoding="utf-8")
+    found = re.search(r"TRIES = (\d+), TRY_MS = (\d+);", script)
+    assert found
+    assert int(found[1]) * int(found[2]) / 1000 >= app.PING_S + app.SILENCE_S + 2.0

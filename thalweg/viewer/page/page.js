@@ -6,7 +6,7 @@ import { Controls, inWords } from "./controls.js";
 const $ = (id) => document.getElementById(id);
 const map = new RiverMap($("map")), chart = new Chart($("chart")), form = $("options");
 const RATE_FRAMES = 30, NUMBERS_MS = 80;
-const TRIES = 5, TRY_MS = 1200; // to connect again
+const TRIES = 10, TRY_MS = 2000; // to connect again: for longer than the server keeps a silent connection, see app.py
 const VIOLATION = 1008, TRY_LATER = 1013, STOPPED = 1012; // codes of the server, see guard.py, app.py and uvicorn
 const decoder = new TextDecoder();
 

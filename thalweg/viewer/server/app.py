@@ -41,6 +41,9 @@ MOST_TABS = 6
 TRY_LATER = 1013
 THREADS = ("thalweg-flights", "thalweg-rivers")
 PATIENCE_S = 3.0
+PING_S, SILENCE_S = 5.0, 10.0
+"""Time between the server's pings to a page, and the greatest time without an answer to one. A connection that breaks
+without a word keeps its place for the sum of both at most; the page tries again for longer, see page.js."""
 USUAL_PORT = 8765
 
 
@@ -135,6 +138,8 @@ def make_server(app: Guard) -> uvicorn.Server:
         ws="websockets-sansio",
         ws_max_size=4 * MOST_BYTES,
         ws_per_message_deflate=False,
+        ws_ping_interval=PING_S,
+        ws_ping_timeout=SILENCE_S,
         timeout_graceful_shutdown=2,
         lifespan="off",
         server_header=False,

@@ -100,6 +100,16 @@ def test_who_flew_and_that_flights_are_saved_are_restored(browser: Browser, rela
     assert browser.run(SENT.format("record")) == [{"type": "record", "on": True}]
 
 
+def test_cruise_is_held_again_where_its_box_is_ticked(browser: Browser, relay: Relay):
+    browser.run("document.getElementById('cruise').click()")
+    browser.run(NEXT_SOCKET, "nothing")
+    relay.cut()
+    wait_for(browser, TEXT.format("error"), lambda text: text.endswith("the flight was lost. It begins again here."))
+    wait_for(browser, STEP, lambda step: step == 0)
+    assert browser.run("return document.getElementById('cruise').checked")
+    assert browser.run(SENT.format("hold")) == [{"type": "hold", "action": [0, 0, 1, 0]}]
+
+
 def test_the_lost_flight_begins_also_where_the_first_one_of_the_server_cannot(browser: Browser, relay: Relay):
     start(browser, seed="5")
     at_start(browser, 5)

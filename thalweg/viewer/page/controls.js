@@ -71,6 +71,12 @@ export class Controls {
     return units.map((value) => Math.round(100 * Math.max(-1, Math.min(1, value))) / 100 + 0);
   }
 
+  /** Tell what is held also if it is the same: a server that is new to the page has heard nothing. */
+  repeat() {
+    this.last = "";
+    this.tell();
+  }
+
   tell() {
     const units = this.units();
     if (units.join() === this.last) return;

@@ -69,6 +69,8 @@ const HEARD = {
     fill(form.elements.look, told.looks);
     setForm(told.options);
     say("record", { on: $("record").checked });
+    controls.cruise = $("cruise").checked;
+    controls.repeat();
   },
   busy: ({ message }) => notice(`${message} …`, ""),
   started(told) {

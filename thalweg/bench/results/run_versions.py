@@ -59,17 +59,17 @@ def current_versions(
     the tasks, and where frames show its objects, on these; only those under `forces` on wind, current and inertia, and
     only those of a suite with other `banks` than forest on these.
     """
-    rivers: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
+    flown: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if task != "River":
-        rivers["tasks"] = versions.TASKS
+        flown["tasks"] = versions.TASKS
     if task not in TASKS:
-        rivers[task] = _version_of_plugin(task)
+        flown[task] = _version_of_plugin(task)
     if banks:
-        rivers["banks"] = versions.BANKS
+        flown["banks"] = versions.BANKS
     if forces:
-        rivers["forces"] = versions.FORCES
+        flown["forces"] = versions.FORCES
     if kind == "baseline":
-        return rivers | ({"imitation": versions.IMITATION} if STEADY in algorithms else {})
+        return flown | ({"imitation": versions.IMITATION} if STEADY in algorithms else {})
     render, coded = {"render": versions.RENDER}, {"encoder": versions.PACKAGED_ENCODER}
     if _task(task).props:
         render["props"] = versions.PROPS
@@ -77,14 +77,14 @@ def current_versions(
         coded = {encoder: _version_of_encoder(encoder)}
     packaged = {"packaged": versions.PACKAGED_POLICY}
     if kind == "packaged":
-        return rivers | render | packaged
+        return flown | render | packaged
     seen = (render if observation != PRIVILEGED else {}) | (coded if observation == FRAMES else {})
     if observation == PRIVILEGED or asymmetric_critics:
         seen["privileged"] = versions.PRIVILEGED
     if kind == "function":
-        return rivers | seen
+        return flown | seen
     learning = {name: version_of(name) for name in algorithms}
-    return rivers | seen | (packaged if begins_with_packaged else {}) | {"training": versions.TRAINING} | learning
+    return flown | seen | (packaged if begins_with_packaged else {}) | {"training": versions.TRAINING} | learning
 
 
 def _task(name: str) -> Task:

@@ -90,10 +90,9 @@ class Arm:
     def as_data(self) -> dict[str, Any]:
         """Return plain data for JSON, with the label as the name; without an observation, an encoder or rivers
         that are the suite's, and a policy to begin with if there is none, as before arms had them."""
-        before = [without(to_plain(stage), world_seeds=[]) | rivers_as_data(stage.world_seeds) for stage in self.before]
-        own = without(to_plain(self), observation=None, encoder=None, world_seeds=[], begin_with="") | rivers_as_data(
-            self.world_seeds
-        )
+        before = [without(to_plain(stage), world_seeds=[]) | seeds_as_data(stage.world_seeds) for stage in self.before]
+        own = without(to_plain(self), observation=None, encoder=None, world_seeds=[], begin_with="")
+        own |= seeds_as_data(self.world_seeds)
         return own | {"before": before, "name": self.label}
 
 
@@ -149,8 +148,8 @@ class Run:
         return f"{self.algorithm}-{self.seed}"
 
 
-def rivers_as_data(seeds: tuple[int, ...]) -> dict[str, Any]:
-    """Return seeds of rivers as plain data, or nothing if there are none."""
+def seeds_as_data(seeds: tuple[int, ...]) -> dict[str, Any]:
+    """Return seeds of rivers under their key as plain data, or nothing if there are none."""
     return {"world_seeds": compact_seeds(seeds)} if seeds else {}
 
 

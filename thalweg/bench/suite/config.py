@@ -35,7 +35,7 @@ from thalweg.bench.suite.arms import (
     Seed,
     Stage,
     refuse_repeated,
-    rivers_as_data,
+    seeds_as_data,
     without,
 )
 from thalweg.bench.suite.views import TrainingViews
@@ -366,7 +366,7 @@ class Suite:
         usual |= {"task": "River", "hard": False, "forces": {}, "views": {}}
         functions = {"policies": [each.as_data() for each in self.policies]} if self.policies else {}
         chosen = {"forces": self.forces.as_data(), "views": self.views.as_data()}
-        data = without(to_plain(self) | chosen, **usual) | rivers_as_data(self.world_seeds)
+        data = without(to_plain(self) | chosen, **usual) | seeds_as_data(self.world_seeds)
         del data["policies"], data["files"]
         return (
             data

@@ -52,6 +52,7 @@ class ConditionRecord:
     name: str
     levels: TupleOf[str]
     rivers: Mapping[str, Any]
+    """Its real rivers by name, as `thalweg.bench.evaluate.rivers.recorded_reach` writes them."""
     blind: bool
 
     @model_validator(mode="after")
@@ -86,6 +87,7 @@ class SuiteRecord:
     made_by: Mapping[str, Any] = field(default_factory=dict)
     observation: str = "frames"
     rivers: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Real rivers in place of levels by name, as `recorded_reach` writes them; not those of conditions."""
     task: str = PAPER_TASK
     hard: bool = False
     forces: Mapping[str, Any] = field(default_factory=dict)
@@ -154,8 +156,9 @@ def has_forces(record: Mapping[str, Any]) -> bool:
     return forces.get("dynamics") == "inertial" or any(each is not None for each in pushes)
 
 
-def levels_of(record: Mapping[str, Any]) -> list[str]:
-    """Return the names of all levels and real rivers of a suite's record that are trained on, or flown on as levels."""
+def _grounds_named(record: Mapping[str, Any]) -> list[str]:
+    """Return the names of the levels and real rivers of a suite's record that are trained on, or flown on as levels,
+    also under a condition alone."""
     stages = [stage for arm in arms_of(record) for stage in (*arm.get("before", []), arm)]
     own = [level for condition in record.get("conditions", []) for level in condition["levels"]]
     named = [record.get("train_level", ""), *(stage.get("level", "") for stage in stages)]
@@ -167,10 +170,10 @@ def has_banks(record: Mapping[str, Any]) -> bool:
     under a condition alone."""
     named = (record, *record.get("conditions", []))
     of_files = any(river.get("has_banks") for each in named for river in dict(each.get("rivers", {})).values())
-    return of_files or any("+" in name for name in levels_of(record))
+    return of_files or any("+" in name for name in _grounds_named(record))
 
 
-def rivers_in_words(record: Mapping[str, Any]) -> str:
+def _reaches_in_words(record: Mapping[str, Any]) -> str:
     """Return a sentence about the real rivers of a suite's record that stand in place of levels; empty for none."""
     told = [f"{name} is {_reach_in_words(river)}." for name, river in record.get("rivers", {}).items()]
     return " ".join(told)
@@ -194,7 +197,7 @@ def rules_in_words(record: Mapping[str, Any]) -> str:
     """Return sentences about the rules of a suite's record, its real rivers and what was seen in training; empty for
     the paper's rules, levels and their camera."""
     views = views_in_words(dict(record.get("views", {})))
-    return " ".join(filter(None, (_task_in_words(record), rivers_in_words(record), views)))
+    return " ".join(filter(None, (_task_in_words(record), _reaches_in_words(record), views)))
 
 
 def _task_in_words(record: Mapping[str, Any]) -> str:

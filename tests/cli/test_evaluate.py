@@ -17,6 +17,7 @@ from thalweg.cli.options import UsageError
 from thalweg.core.cache import file_hash
 from thalweg.env import EnvConfig
 from thalweg.render import Camera, Renderer
+from thalweg.render.records import calibration
 from thalweg.render.records.calibration import camera_of_calibration
 from thalweg.world import World
 
@@ -80,8 +81,8 @@ def test_another_camera_keeps_what_is_not_given():
     assert flown_camera(policy, "run", ()) == trained
     assert flown_camera(policy, "run", ("pitch_deg=30",)) == Camera(32, 32, 80.0, 30.0)
     assert flown_camera(policy, "run", ("height_px=32",)) == trained
-    assert camera_in_words(policy, "run", ("height_px=32", "fov_deg=80")) == ""
-    assert camera_in_words(policy, "run", ("fov_deg=75",)) == "camera fov_deg=75"
+    assert camera_in_words(policy, trained, ("height_px=32", "fov_deg=80")) == ""
+    assert camera_in_words(policy, replace(trained, fov_deg=75.0), ("fov_deg=75",)) == "camera fov_deg=75"
     with pytest.raises(UsageError, match=r"run sees frames of 32 x 32 pixels \(height x width\), not 32 x 64"):
         flown_camera(policy, "run", ("width_px=64",))
 
@@ -92,7 +93,7 @@ def test_a_calibration_is_cut_to_the_frames_of_the_policy(tmp_path: Path):
     policy = image_policy("rgb+mask", 32, env={"camera": {"height_px": 32, "width_px": 32, "pitch_deg": 5.0}})
     wanted = camera_of_calibration(file, height_px=32, width_px=32, pitch_deg=5.0)
     assert flown_camera(policy, "run", (str(file),)) == wanted and wanted.lens is not None
-    told = camera_in_words(policy, "run", (str(file), "pitch_deg=9", "near_m=0.2"))
+    told = camera_in_words(policy, replace(wanted, pitch_deg=9.0, near_m=0.2), (str(file), "pitch_deg=9", "near_m=0.2"))
     assert told == f"camera lens.yaml {file_hash(file)[:8]} near_m=0.2 pitch_deg=9"
     behind = image_policy("rgb+mask", 32, env={"camera": wanted.as_data()})
     assert flown_camera(behind, "run", ("pitch_deg=9",)) == replace(wanted, pitch_deg=9.0)
@@ -113,10 +114,14 @@ def test_a_policy_is_evaluated_through_another_camera_and_its_rows_say_so(
             drawn.append(camera)
             super().__init__(worlds, camera, *others, **options)
 
+    parsed: list[Path] = []
+    parse = calibration._calibration
+    monkeypatch.setattr(calibration, "_calibration", lambda file: parsed.append(file) or parse(file))
     monkeypatch.setattr("thalweg.bench.evaluate.evaluation.Renderer", Watched)
     command = ["evaluate", str(tmp_path / "run.safetensors"), "--levels", "easy", "--episodes", "1"]
     command += ["--out", str(tmp_path / "rows.csv"), "--quality", "fast", "--camera", str(tmp_path / "lens.yaml")]
     assert main(command) == 0
+    assert len(parsed) == 1
     assert drawn == [camera_of_calibration(tmp_path / "lens.yaml", height_px=32, width_px=32)]
     (row,) = read_episodes(tmp_path / "rows.csv")
     content = file_hash(tmp_path / "lens.yaml")[:8]

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from thalweg.bench.evaluate.course import Course, EvaluationConfig
     from thalweg.encoder import Encoder
     from thalweg.env import EnvConfig
+    from thalweg.render import Camera
     from thalweg.world import Reach
 
 
@@ -147,7 +148,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     if command.shield:
         check_masks(policy, encoder)
         check_moves(config.env.action)
-    name = _name_of(policy, command)
+    name = _name_of(policy, command, config.env.camera)
     rows: list[Episode] = []
     for river in rivers:
         courses, level = _courses(command, config, river, drawn=command.shield or sight_of(policy) in DRAWN)
@@ -174,8 +175,9 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
         console.print(f"One row per episode: {command.out}", highlight=False)
 
 
-def _name_of(policy: "Policy | RecurrentPolicy", command: Evaluate) -> str:
-    """Return the name of a policy in rows and tables, with what is unusual about its flights in brackets."""
+def _name_of(policy: "Policy | RecurrentPolicy", command: Evaluate, camera: "Camera") -> str:
+    """Return the name of a policy in rows and tables, with what is unusual about its flights through a camera in
+    brackets."""
     from thalweg.bench.evaluate.baselines import BASELINES
     from thalweg.bench.evaluate.functions import FunctionPolicy
     from thalweg.bench.packaged import PACKAGED_POLICIES
@@ -193,7 +195,7 @@ def _name_of(policy: "Policy | RecurrentPolicy", command: Evaluate) -> str:
         "varied looks": command.randomise,
     }
     told = [*(words for words, applies in unusual.items() if applies)]
-    told += filter(None, [camera_in_words(policy, command.policy, command.camera)])
+    told += filter(None, [camera_in_words(policy, camera, command.camera)])
     return name + "".join(f" ({words})" for words in told)
 
 

@@ -41,16 +41,13 @@ def flown_camera(policy: "Policy | RecurrentPolicy", named: str, texts: tuple[st
     return camera
 
 
-def camera_in_words(policy: "Policy | RecurrentPolicy", named: str, texts: tuple[str, ...]) -> str:
-    """Return what names of results say of the camera: of a file its name and the begin of its content's hash, and the
-    settings of --camera by their names; nothing for the camera of the policy's training.
-
-    Raises the errors of `flown_camera`.
-    """
+def camera_in_words(policy: "Policy | RecurrentPolicy", camera: "Camera", texts: tuple[str, ...]) -> str:
+    """Return what names of results say of `camera`, the one that is flown: of a file its name and the begin of its
+    content's hash, and the settings of --camera by their names; nothing for the camera of the policy's training."""
     from thalweg.core.cache import file_hash
     from thalweg.train.observations import camera_of
 
-    if flown_camera(policy, named, texts) == camera_of(policy):
+    if camera == camera_of(policy):
         return ""
     file, settings = camera_settings(texts)
     calibration = [] if file is None else [file.name, file_hash(file)[:8]]

@@ -1,8 +1,11 @@
 """Tests of recordings that are interrupted, and of the memory that a flight takes while it is recorded."""
 
+import os
 import signal
 import subprocess
 import sys
+import threading
+import time
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
@@ -176,6 +179,33 @@ def test_two_commands_do_not_record_to_one_folder(tmp_path: Path):
             pass
         add_flight(writer, FLIGHTS[0])
     assert len(list(read_recordings(path)[1])) == 1
+
+
+def test_no_other_command_takes_a_draft_that_is_being_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Another command waits for the lock while the draft takes its name."""
+    path, errors, replace_ = tmp_path / "flights", [], os.replace
+
+    def other() -> None:
+        try:
+            begun(path)
+        except DatasetError as error:
+            errors.append(str(error))
+
+    waiting = threading.Thread(target=other)
+
+    def slowly(source: Any, target: Any) -> None:
+        if source == draft_folder(path) and not waiting.ident:
+            waiting.start()
+            time.sleep(0.2)
+        replace_(source, target)
+
+    monkeypatch.setattr(os, "replace", slowly)
+    with recording(path, "lerobot", ABOUT) as writer:
+        for episode in FLIGHTS:
+            add_flight(writer, episode)
+    waiting.join()
+    assert errors == [f"{path} is there already: name a new folder for the recordings"]
+    assert_holds_all(path, video=False)
 
 
 @pytest.mark.parametrize(("form", "video"), FORMATS)

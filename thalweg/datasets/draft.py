@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from thalweg.core.atomic_io import disk_errors_name, write_atomic
+from thalweg.core.atomic_io import ON_WINDOWS, disk_errors_name, write_atomic
 from thalweg.core.run_folder import LOCK, FolderKind, differences
 from thalweg.datasets.errors import DatasetError
 
@@ -80,6 +80,7 @@ def draft_of(path: Path, about: Mapping[str, Any]) -> Iterator[Draft]:
     folder = draft_folder(path)
     try:
         with RECORDING.locked(folder), disk_errors_name(path):
+            check_new(path)  # the command that held the lock until now may have finished
             _begin(folder, json.loads(json.dumps(about)))
             try:
                 yield Draft(folder, path)
@@ -87,15 +88,26 @@ def draft_of(path: Path, about: Mapping[str, Any]) -> Iterator[Draft]:
                 if not finished_flights(path):
                     _remove_all_but_lock(folder)
                 raise
-    except BaseException:
+            if not ON_WINDOWS:
+                _take_name(folder, path)
+    except BaseException as error:
         with suppress(OSError):  # where flights are finished, it is not empty
             folder.rmdir()
+        if isinstance(error, FileNotFoundError):  # its draft took its name while this command waited for the lock
+            check_new(path)
         raise
+    if ON_WINDOWS:  # which renames no folder with an open file, such as a lock that is held
+        _take_name(folder, path)
+
+
+def _take_name(folder: Path, path: Path) -> None:
+    """Rename a draft that is finished, and remove what is no part of the data set."""
     if path.exists():
         path.rmdir()
     os.replace(folder, path)
     shutil.rmtree(path / JOURNAL, ignore_errors=True)  # not before: a command that is killed here has lost nothing
-    (path / RECORDING.record).unlink()
+    for name in (RECORDING.record, LOCK):
+        (path / name).unlink(missing_ok=True)
 
 
 def _begin(folder: Path, about: dict[str, Any]) -> None:

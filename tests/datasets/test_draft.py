@@ -17,6 +17,7 @@ import pytest
 
 from tests.datasets.episodes import ABOUT, SIZE, assert_same, flight
 from thalweg.datasets.draft import draft_folder, finished_flights
+from thalweg.datasets.episode import LAYERS
 from thalweg.datasets.errors import DatasetError
 from thalweg.datasets.lerobot_flight import BLOCK
 from thalweg.datasets.recordings import add_flight, read_recordings, recording
@@ -206,6 +207,26 @@ def test_no_other_command_takes_a_draft_that_is_being_named(tmp_path: Path, monk
     waiting.join()
     assert errors == [f"{path} is there already: name a new folder for the recordings"]
     assert_holds_all(path, video=False)
+
+
+@pytest.mark.parametrize("form", ["lerobot", "minari"])
+@pytest.mark.parametrize("first", [True, False])
+def test_a_step_without_a_layer_of_the_data_set_is_refused(form: Any, first: bool, tmp_path: Path):
+    whole, lacking = (
+        Sight(images(*layers), np.zeros(2, np.float32), np.zeros(4), 0.0) for layers in (LAYERS, ("mask",))
+    )
+    step = Step(np.zeros(4, np.float32), np.ones(4, np.int64), 0.0, np.zeros(2), "pilot")
+    told = "what is seen lacks depth and class, which every flight of the data set has"
+    with recording(tmp_path / "flights", form, ABOUT) as writer:
+        add_flight(writer, FLIGHTS[0])
+        with pytest.raises(DatasetError, match=told), writer.flight("River", {}) as written:
+            written.see(lacking if first else whole)
+            written.step(step, whole if first else lacking)
+    assert len(list(read_recordings(tmp_path / "flights")[1])) == 1
+
+
+def images(*layers: str) -> dict[str, np.ndarray]:
+    return {"rgb": np.zeros((*SIZE, 3), np.uint8), **{name: np.zeros(SIZE, np.uint8) for name in layers}}
 
 
 @pytest.mark.parametrize(("form", "video"), FORMATS)

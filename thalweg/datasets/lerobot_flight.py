@@ -18,7 +18,7 @@ from thalweg.datasets import lerobot_layout as layout
 from thalweg.datasets import lerobot_statistics as statistics
 from thalweg.datasets.episode import LAYERS, RUNNING, About
 from thalweg.datasets.errors import DatasetError
-from thalweg.datasets.steps import Sight, Step
+from thalweg.datasets.steps import Sight, Step, check_layers
 
 BLOCK = 32
 """Number of rows that are written together, which are in memory until then."""
@@ -66,12 +66,14 @@ class LeRobotFlight:
     def step(self, step: Step, after: Sight) -> None:
         assert self._seen is not None
         if not self._features:
+            check_layers(self._seen, self._about)
             discrete = step.option is not None
             features = layout.features_of(
                 self._about, self._seen.size_px, video=self._video is not None, discrete=discrete
             )
             self._check(features)
             self._features = features
+        check_layers(after, self._about)
         if len(self._rows) == BLOCK:
             self._write_rows(RUNNING, last=False)
         self._rows.append((self._seen, step))
@@ -142,7 +144,7 @@ class LeRobotFlight:
         place, index = self._place, self._written + np.arange(len(steps))
         ends = last & (np.arange(len(steps)) == len(steps) - 1)
         success = reason >= 0 and self._about.reasons[reason] == SUCCESS
-        layers = [name for name in LAYERS if name in self._about.layers and name in sights[0].images]
+        layers = [name for name in LAYERS if name in self._about.layers]
         images = {name: np.stack([each.images[name] for each in sights]) for name in ("rgb", *layers)}
         options = {} if steps[0].option is None else {"option": np.stack([each.option for each in steps])}
         return {

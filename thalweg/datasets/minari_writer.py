@@ -18,7 +18,7 @@ from thalweg.datasets.draft import JOURNAL, Draft
 from thalweg.datasets.episode import RUNNING, About
 from thalweg.datasets.errors import DatasetError
 from thalweg.datasets.minari_layout import DATA, FILE, KEY, group_of, spaces_of
-from thalweg.datasets.steps import FlightWriter, Sight, Step
+from thalweg.datasets.steps import FlightWriter, Sight, Step, check_layers
 
 LEVEL = 4
 """Level of the compression by gzip, up to 9."""
@@ -50,7 +50,7 @@ class MinariWriter:
             if options.get("seed") is not None:
                 group.attrs["seed"] = options["seed"]
             group.attrs[KEY] = json.dumps({"task": task, "options": options})
-            writer = MinariFlight(group, self._check_kind)
+            writer = MinariFlight(group, self._about, self._check_kind)
             yield writer
             told = writer.told()
         self._draft.note(told)
@@ -97,9 +97,9 @@ class MinariWriter:
 class MinariFlight:
     """Writes a flight to a group of HDF5."""
 
-    def __init__(self, group: Any, check: Any) -> None:
+    def __init__(self, group: Any, about: About, check: Any) -> None:
         """`check`: is given what must be the same in all flights at the first step, and raises `DatasetError`."""
-        self._group, self._check = group, check
+        self._group, self._about, self._check = group, about, check
         self._sights: list[tuple[np.ndarray, np.ndarray, float]] = []
         self._steps: list[Step] = []
         self._first: Sight | None = None
@@ -112,11 +112,13 @@ class MinariFlight:
     def step(self, step: Step, after: Sight) -> None:
         if not self._steps:
             assert self._first is not None
+            check_layers(self._first, self._about)
             size = list(self._first.size_px)
             self._kind = {"size_px": size, "layers": [*self._first.images], "discrete": step.option is not None}
             self._check(self._kind)
             self._create(self._first)
             self._write(self._first)
+        check_layers(after, self._about)
         self._steps.append(step)
         self._write(after)
 

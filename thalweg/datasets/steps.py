@@ -10,7 +10,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from thalweg.datasets.episode import LAYERS, RecordedEpisode
+from thalweg.datasets.episode import LAYERS, About, RecordedEpisode
+from thalweg.datasets.errors import DatasetError
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,12 @@ class Step:
     pilot: str
 
 
+def check_layers(sight: Sight, about: About) -> None:
+    """Raise `DatasetError` for a sight that lacks layers of the data set."""
+    if lacking := [layer for layer in about.layers if layer not in sight.images]:
+        raise DatasetError(f"what is seen lacks {' and '.join(lacking)}, which every flight of the data set has")
+
+
 class FlightWriter(Protocol):
     """Takes a flight: `see` once, `step` T times, and `end`."""
 
@@ -56,8 +63,9 @@ class FlightWriter(Protocol):
     def step(self, step: Step, after: Sight) -> None:
         """Write a step, and what is seen after it.
 
-        Raises `DatasetError` for the first step of a flight that has other actions, layers or frames of another size
-        than those before it or makes no video, and `OSError` for a full disk.
+        Raises `DatasetError` for a layer of the data set that was not seen, for the first step of a flight that has
+        other actions, layers or frames of another size than those before it or makes no video, and `OSError` for a
+        full disk.
         """
         ...
 

@@ -157,6 +157,14 @@ def test_a_real_river_is_learnt_from_after_the_gate_and_known_by_its_content(tmp
         imitation(tmp_path / "run", **options).run()
 
 
+def test_no_river_is_built_for_the_folder_of_another_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    imitation(tmp_path / "run", steps=8).run()
+    (tmp_path / "brook.geojson").write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0008, 48]]}')
+    monkeypatch.setattr(Reach, "build", lambda *_: pytest.fail("the river is built"))
+    with pytest.raises(TrainingError, match=r"belongs to another run: .*context\.river"):
+        imitation(tmp_path / "run", steps=8, river=Reach(tmp_path / "brook.geojson", width_m=9.0)).run()
+
+
 def test_what_a_gate_refuses_can_be_corrected_in_the_same_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def refuse(*_: Any) -> None:
         raise TrainingError("the teacher fails")

@@ -25,7 +25,7 @@ from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.errors import TrainingError
-from thalweg.train.folder.run_record import RUN_FOLDER, device_identity, read_config, read_context
+from thalweg.train.folder.run_record import RUN_FOLDER, device_identity, read_config, read_context, require_same
 from thalweg.train.imitation.gate import check_teacher, flown_by
 from thalweg.train.imitation.trainer import ImitationTrainer
 from thalweg.train.river import announce_build, banks_version, print_once
@@ -79,7 +79,9 @@ class Imitation:
         river = identity["context"].get("river", {})
         RUN_FOLDER.require_same_file(self.folder, read_context(self.folder).get("river") or {}, river)
         identity |= device_identity(device.type)
-        new = read_config(self.folder) is None
+        new = (existing := read_config(self.folder)) is None
+        if existing is not None:
+            require_same(self.folder, existing["run"], identity)
         compilation.begin()
         rivers = self._rivers(grounds, seeds)
         env = RiverVectorEnv(rivers, self.num_envs, rules, device=str(device))

@@ -127,6 +127,7 @@ class Arm:
         made_with = self.training_versions | {"evaluation": versions.EVALUATION}
         return (
             self.name,
+            " ".join(self.levels),
             str(self.rivers),
             str(self.first_river),
             self.looks,
@@ -154,7 +155,7 @@ class Arm:
         ]
 
 
-ARM_KEY = ("arm", "rivers", "first_river", "looks", "seed", "steps", "config", "encoder", "versions")
+ARM_KEY = ("arm", "levels", "rivers", "first_river", "looks", "seed", "steps", "config", "encoder", "versions")
 """Columns that identify an arm. `config` is a hash of all settings."""
 
 

@@ -101,11 +101,11 @@ def test_focops_on_other_codes_and_end_to_end_stands_beside_the_climber_that_see
         (("Medium",), ("Hard",)),
         (("Hard",), ("Medium",)),
     ]
-    assert hard.key[7] == beside.key[7]
+    assert hard.key[8] == beside.key[8]
     assert [arm.sees_images for arm in (vae, cnn, beside)] == [False, True, False]
-    assert len({vae.key[7], beside.key[7], "none"}) == 3
+    assert len({vae.key[8], beside.key[8], "none"}) == 3
     assert encoder_path(beside.encoder) == encoder_path("geometry")
-    assert cnn.resolved["policy"] == "cnn" and cnn.key[7] == "none" and "privileged" in cnn.training_versions
+    assert cnn.resolved["policy"] == "cnn" and cnn.key[8] == "none" and "privileged" in cnn.training_versions
 
 
 def test_looks_reach_a_student_by_its_settings(student: Any):
@@ -134,6 +134,7 @@ def test_arms_and_folders_differ_by_all_that_they_depend_on(
 ):
     others = [
         replace(student, rivers=1),
+        replace(student, levels=("Hard",)),
         replace(student, first_river=7),
         replace(student, looks="varied"),
         replace(student, seed=1),
@@ -142,7 +143,7 @@ def test_arms_and_folders_differ_by_all_that_they_depend_on(
         arms.Arm("student", "FOCOPS", 4, "fixed", 0, 400_000),
     ]
     found = [student, *others]
-    assert len({arm.key for arm in found}) == len({arm.folder for arm in found}) == 8
+    assert len({arm.key for arm in found}) == len({arm.folder for arm in found}) == 9
     before = student.key, student.folder
     monkeypatch.setattr(versions, "RULES", versions.RULES + 1)
     assert student.key != before[0] and student.folder != before[1]
@@ -158,7 +159,7 @@ def test_another_encoder_is_another_arm_of_focops(arms: ModuleType, student: Any
     focops = replace(student, algorithm="FOCOPS")
     before = focops.key, student.key
     monkeypatch.setattr(arms, "hash_of_encoder", lambda encoder: f"other {encoder}")
-    assert focops.key != before[0] and focops.key[7] == "other None" and student.key == before[1]
+    assert focops.key != before[0] and focops.key[8] == "other None" and student.key == before[1]
 
 
 @pytest.mark.parametrize(
@@ -202,6 +203,7 @@ def test_a_row_by_hand(script: ModuleType, student: Any):
     config = row.pop("config")
     assert len(config) == 8 and row == {
         "arm": "student",
+        "levels": "Easy Medium Hard",
         "rivers": "4",
         "first_river": "1000",
         "looks": "fixed",

@@ -35,6 +35,7 @@ from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.machine import machine_info
+from thalweg.core.parent_process import ending_with_parent
 
 TABLE = Path(__file__).resolve().parent / "fly_rate.csv"
 COLUMNS = (
@@ -140,7 +141,7 @@ def served() -> Iterator[str]:
     """Start a server, and give its address."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "thalweg", "fly", "--level", "Medium", "--port", "0", "--out", folder]
-        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        server = subprocess.Popen(ending_with_parent(command), stdout=subprocess.PIPE, text=True)
         try:
             assert server.stdout is not None
             found = re.search(r"http://(\S+)/", server.stdout.readline())

@@ -28,6 +28,7 @@ from benchmarks.peer_venv import SetupError, last_lines
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.machine import machine_info, package_versions
+from thalweg.core.parent_process import ending_with_parent
 from thalweg.core.versions import ALGORITHMS, TRAINING
 
 HERE = Path(__file__).resolve().parent
@@ -65,7 +66,7 @@ def request_for(contest: Contest, work: Work, side: str, seed: int, threads: int
 def run_side(python: Path, side: str, order: dict[str, Any]) -> dict[str, Any]:
     """Run one side in a process of its own; returns its answer, or raises `RuntimeError` with its last output."""
     ours = [sys.executable, "-m", "benchmarks.omnisafe.ours"]
-    command = [str(python), "-E", "-s", str(HERE / "side.py")] if side == PEER else ours
+    command = ending_with_parent([str(python), "-E", "-s", str(HERE / "side.py")] if side == PEER else ours)
     done = subprocess.run(command, input=json.dumps(order), capture_output=True, text=True, check=False, cwd=ROOT)
     if done.returncode:
         raise RuntimeError(f"{side}'s {order['algorithm']} failed:\n{last_lines(done.stderr)}")

@@ -33,6 +33,8 @@ from random import Random
 
 from pieces import Clock, Pieces
 
+from thalweg.core.parent_process import ending_with_parent
+
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "kills.csv"
 KEY = ("command", "trial", "kill")
@@ -122,7 +124,7 @@ def start(name: str, folder: Path) -> subprocess.Popen:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / SUITE).write_text(TINY_SUITE)
     log = open(folder / "output.txt", "a")  # noqa: SIM115 (the process has it)
-    command = [sys.executable, __file__, "--child", name]
+    command = ending_with_parent([sys.executable, __file__, "--child", name])
     return subprocess.Popen(command, cwd=folder, stdout=log, stderr=log, process_group=0)
 
 

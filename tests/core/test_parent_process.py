@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from thalweg.core.parent_process import ending_with_parent
+
 
 def running(process: Path) -> bool:
     """Whether the process of a folder of /proc runs; one that ended may still wait for its parent there."""
@@ -30,11 +32,29 @@ def test_workers_end_with_their_parent(tmp_path: Path):
         "    pool.submit(time.sleep, 600)\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    (tmp_path / "parent.py").write_text(code)
-    with open(tmp_path / "printed", "w") as printed:  # a pipe would stay open as long as the worker
-        subprocess.run([sys.executable, str(tmp_path / "parent.py")], stdout=printed, stderr=printed, check=False)
-    worker = Path("/proc") / (tmp_path / "printed").read_text().split()[0]
+    assert_child_ends(code, tmp_path)
+
+
+@pytest.mark.skipif(ending_with_parent(["true"]) == ["true"], reason="there is no setpriv of util-linux")
+def test_a_command_ends_with_the_process_that_started_it(tmp_path: Path):
+    code = (
+        "import os, signal, subprocess\n"
+        "from thalweg.core.parent_process import ending_with_parent\n"
+        "command = ending_with_parent(['sh', '-c', 'echo $$; exec sleep 600'])\n"
+        "process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)\n"
+        "print(process.stdout.readline(), flush=True)\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    assert_child_ends(code, tmp_path)
+
+
+def assert_child_ends(code: str, folder: Path) -> None:
+    """Assert that the process whose number a program prints ends when that program is killed."""
+    (folder / "parent.py").write_text(code)
+    with open(folder / "printed", "w") as printed:  # a pipe would stay open as long as the child
+        subprocess.run([sys.executable, str(folder / "parent.py")], stdout=printed, stderr=printed, check=False)
+    child = Path("/proc") / (folder / "printed").read_text().split()[0]
     deadline = time.monotonic() + 30
-    while running(worker) and time.monotonic() < deadline:
+    while running(child) and time.monotonic() < deadline:
         time.sleep(0.1)
-    assert not running(worker)
+    assert not running(child)

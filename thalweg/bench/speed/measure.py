@@ -24,6 +24,7 @@ from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy import Policy
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.speed.frame_profile import REFLECTION, STAGES, profile_frame
+from thalweg.core.parent_process import ending_with_parent
 from thalweg.encoder import VAE, Encoder, VAEConfig
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera, Renderer
@@ -269,10 +270,9 @@ def _run_python(arguments: list[str], **environment: str) -> tuple[float, float]
 
     Raises if it fails.
     """
+    command = ending_with_parent([sys.executable, *arguments])
     start = time.perf_counter()
-    process = subprocess.Popen(
-        [sys.executable, *arguments], env={**os.environ, **environment}, stdout=subprocess.DEVNULL
-    )
+    process = subprocess.Popen(command, env={**os.environ, **environment}, stdout=subprocess.DEVNULL)
     memory = math.nan
     if hasattr(os, "wait4"):
         _, status, usage = os.wait4(process.pid, 0)

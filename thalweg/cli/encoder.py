@@ -9,10 +9,8 @@ from thalweg.cli.encoder_defaults import by_target
 from thalweg.cli.options import DEFAULT_LEVEL, NO_FILE, Plugins, River, UsageError, check_file
 from thalweg.cli.run_result import tell_finished
 from thalweg.cli.views import camera_from
+from thalweg.core.run_folder import CHECKPOINT
 from thalweg.core.seeds import parse_seeds
-
-CHECKPOINT = "checkpoint.safetensors"
-"""Name of the checkpoint of each training."""
 
 
 @dataclass(frozen=True)

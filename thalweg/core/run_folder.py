@@ -18,6 +18,8 @@ from thalweg.core.notices import notice
 
 MAX_NAMED = 4
 """Maximum number of differences, or of files, that a message names."""
+CHECKPOINT = "checkpoint.safetensors"
+"""File from which the training of an encoder, or of a finder of water, resumes."""
 LOCK = ".lock"
 """File of a folder that a command holds; the system frees it when the process ends, however it ends."""
 WAIT_S = 0.5

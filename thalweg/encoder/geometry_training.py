@@ -1,7 +1,7 @@
 """Training of an encoder of geometry on batches that are drawn anew in each epoch; an interrupted run resumes.
 
-An epoch depends on the previous ones only through the weights and Adam's moments, which `checkpoint.safetensors` holds,
-and on what `Lessons` draws for it. Drawing and what the quantities are is left to the caller.
+An epoch depends on the previous ones only through the weights and Adam's moments, which the checkpoint holds, and on
+what `Lessons` draws for it. Drawing and what the quantities are is left to the caller.
 """
 
 import math
@@ -18,7 +18,7 @@ from thalweg.core import versions
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import to_plain
 from thalweg.core.machine import package_version
-from thalweg.core.run_folder import FolderKind
+from thalweg.core.run_folder import CHECKPOINT, FolderKind
 from thalweg.encoder.checkpoint import Row, resume_state, save_state, state_tensors
 from thalweg.encoder.encoder import Encoder
 from thalweg.encoder.files import EncoderFileError, save_geometry
@@ -27,7 +27,7 @@ from thalweg.encoder.reconstruction import check_images, to_batch
 from thalweg.encoder.training import epoch_generator, progress_bar, resolve_precision, say_resumed, write_rows
 from thalweg.encoder.vae import EncoderInputError
 
-KIND, PREFIX, CHECKPOINT = "geometry encoder training", "network.", "checkpoint.safetensors"
+KIND, PREFIX = "geometry encoder training", "network."
 GEOMETRY_FOLDER = FolderKind(KIND, CHECKPOINT, EncoderFileError)
 COLUMNS = ("epoch", "loss", "held_out_r2", "learning_rate", "images_per_s")
 """Columns of `metrics.csv`: the mean loss over the steps of an epoch; R² of the predictions on the frames held out, the

@@ -1,8 +1,8 @@
 """Training of an autoencoder on a set of frames; a run that is interrupted at any epoch resumes with the same numbers.
 
 Each epoch uses a random generator seeded by (seed, epoch), so that it depends on the previous epochs only through the
-weights and Adam's moments, which `checkpoint.safetensors` holds. `metrics.csv` is written from
-the checkpoint's own rows, so the two never disagree. Collecting frames is not done here.
+weights and Adam's moments, which the checkpoint holds. `metrics.csv` is written from the checkpoint's own rows, so the
+two never disagree. Collecting frames is not done here.
 """
 
 import csv
@@ -25,7 +25,7 @@ from thalweg.core.atomic_io import write_atomic
 from thalweg.core.config import to_plain
 from thalweg.core.machine import package_version
 from thalweg.core.notices import notice
-from thalweg.core.run_folder import FolderKind
+from thalweg.core.run_folder import CHECKPOINT, FolderKind
 from thalweg.encoder.checkpoint import ANEW, Row, read_checkpoint, resume_state, save_state, state_tensors
 from thalweg.encoder.files import FILE, EncoderFileError, load_model, save_vae
 from thalweg.encoder.reconstruction import check_images, mean_image_mse, reconstruction_mse, to_batch
@@ -38,7 +38,7 @@ COLUMNS = ("epoch", "loss", "mse", "kl", "held_out_mse", "images_per_s")
 
 PREFIX = "vae."
 """Prefix of the names of the model's tensors in a checkpoint."""
-ENCODER_FOLDER = FolderKind("encoder training", "checkpoint.safetensors", EncoderFileError)
+ENCODER_FOLDER = FolderKind("encoder training", CHECKPOINT, EncoderFileError)
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def train_encoder(
     train_images, held_out_images = (images[part] for part in split_indices(len(images), held_out, seed))
     with ENCODER_FOLDER.locked(folder):
         state = _State(config, run, device)
-        rows = state.resume(folder / "checkpoint.safetensors")
+        rows = state.resume(folder / CHECKPOINT)
         if progress:
             say_resumed(folder, len(rows), epochs)
         _take_epochs(folder, state, train_images, held_out_images, rows, progress)
@@ -154,7 +154,7 @@ def _take_epochs(
             speed = len(images) / (time.perf_counter() - started)
             row["held_out_mse"] = reconstruction_mse(state.vae, held_out) if len(held_out) else None
             rows.append({**row, "images_per_s": round(speed, 1)})
-            state.save(folder / "checkpoint.safetensors", rows)
+            state.save(folder / CHECKPOINT, rows)
             write_rows(folder / "metrics.csv", COLUMNS, rows)
             bar.update(task, advance=1, note=f"{speed:.0f} images/s, mse {row['mse']:.5f}, kl {row['kl']:.2f}")
 

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from thalweg.core import versions
 from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
 from thalweg.core.machine import package_version
-from thalweg.core.run_folder import FolderKind
+from thalweg.core.run_folder import CHECKPOINT, FolderKind
 from thalweg.core.seeds import compact_seeds
 from thalweg.encoder.checkpoint import Row, check_folder, resume_state, save_state, state_tensors
 from thalweg.encoder.files import EncoderFileError
@@ -34,7 +34,7 @@ from thalweg.train.encoder.frames import BATCH, clock_times, sample_poses
 from thalweg.train.encoder.grounds import JUDGED_APART, Grounds
 from thalweg.world import Reach
 
-KIND, PREFIX, CHECKPOINT, FILE = "water training", "network.", "checkpoint.safetensors", "water.safetensors"
+KIND, PREFIX, FILE = "water training", "network.", "water.safetensors"
 WATER_FOLDER = FolderKind(KIND, CHECKPOINT, EncoderFileError)
 COLUMNS = ("epoch", "loss", "held_out_iou", "learning_rate", "images_per_s")
 BATCH_IMAGES, RATE, LEAST_RATE = 32, 2e-3, 0.02

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal, Unpack, get_args
+from typing import Any, Literal, Unpack, cast, get_args
 
 from thalweg.algos.registry import algorithm_named
 from thalweg.core import versions
@@ -37,7 +37,7 @@ from thalweg.train.observations import (
     observation_of_run,
     parts_of_codes,
 )
-from thalweg.train.run import CommonExecution, configured, has_asymmetric_critics, run, sees_images
+from thalweg.train.run import CommonExecution, Execution, configured, has_asymmetric_critics, run, sees_images
 from thalweg.train.run_in_folder import RunResult, load_policy
 from thalweg.world import Level, Reach, World, level_named, load_or_build
 from thalweg.world.generate.memory import free_bytes
@@ -223,22 +223,24 @@ class RiverTraining:
         """
         if unknown := sorted(execution.keys() - RiverExecution.__annotations__):
             raise TypeError(f"train() got an unexpected keyword argument {unknown[0]!r}")
-        begin_with, threads = execution.get("begin_with"), execution.get("threads")
+        threads = execution.pop("threads", None)
+        common = cast(CommonExecution, execution)
+        how = Execution(**common)
         entry = algorithm_named(algorithm)
-        resolved = configured(entry, settings, preset, self.num_envs, begin_with)
+        resolved = configured(entry, settings, preset, self.num_envs, how.begin_with)
         if getattr(resolved, "separate_costs", False) and len(self.config.cost_kinds) > 2:
             raise TrainingError(
                 "cost_limits are limits of tight and loose costs, but this task has also"
                 f" {', '.join(self.config.cost_kinds[2:])}: set cost_limit, that of their sum"
             )
-        begun = None if begin_with is None else load_policy(begin_with)
+        begun = None if how.begin_with is None else load_policy(how.begin_with)
         seen = observation_of_run(sees_images(resolved), encoder, observation, begun)
         felt = proprioception or "proprioception" in self.config.parts
         check_parts(seen, felt, self.config.observation)
         context = self._context(seen, encoder, felt)
         RUN_FOLDER.require_same_file(folder, read_context(folder).get("river") or {}, context.get("river", {}))
         self._check_fits(begun, encoder, seen, felt)
-        device = resolve_device(execution.get("device", "cpu"))
+        device = resolve_device(how.device)
         if seen in IMAGES and device != "cpu":
             raise TrainingError(f"policy=cnn learns on the CPU only, not on {device}: leave the device out")
         told = has_asymmetric_critics(resolved)
@@ -259,9 +261,7 @@ class RiverTraining:
                 context=context,
                 progress=True,
                 threads=threads,
-                device=device,
-                begin_with=begin_with,
-                graphs=execution.get("graphs", False),
+                **common,
             )
         finally:
             env.close()

@@ -1,0 +1,92 @@
+"""The tables of the shield's page, from the rows of today's versions and policies."""
+
+from collections.abc import Iterable, Mapping
+
+from shield_arms import KINDS, LEVELS, VERSIONS
+
+from thalweg.bench.evaluate.episodes import REASON_TEXT, REASONS
+from thalweg.bench.report.table import frame, markdown
+from thalweg.env.shield.moves import VERDICTS
+
+SIDES = ("without", "with")
+VETOED = VERDICTS[1:]
+Row = Mapping[str, str]
+
+
+def page_tables(rows: Iterable[Row], names: Mapping[str, str]) -> str:
+    """Return the tables of the page: returns, violations and vetoes, and how flights end.
+
+    `names`: of today's policies, by what made them; rows of other policies are left out.
+    """
+    rows = current_rows(rows, names)
+    lines = [[_policy(row, names), f"{row['kind']}, {row['level']}"] for row in rows]
+    both = (
+        (FIGURES, [_figures(row) for row in rows]),
+        ([REASON_TEXT[reason] for reason in REASONS], [_ends(row) for row in rows]),
+    )
+    tables = [
+        frame(["policy", "river", *columns], [line + cells for line, cells in zip(lines, of_rows, strict=True)])
+        for columns, of_rows in both
+    ]
+    return "\n\n".join(markdown(table).rstrip() for table in tables)
+
+
+def current_rows(rows: Iterable[Row], names: Mapping[str, str]) -> list[Row]:
+    """Return the rows of today's versions and policies, in the order of `names`; of the same flights, those of the most
+    episodes."""
+    found: dict[tuple[str, ...], Row] = {}
+    for row in rows:
+        if row["made_by"] not in names or any(row[name] != str(version) for name, version in VERSIONS.items()):
+            continue
+        same = (*(row[name] for name in ("made_by", "settings", "kind", "level")),)
+        if same not in found or int(found[same]["episodes"]) < int(row["episodes"]):
+            found[same] = row
+    order = list(names)
+
+    def place(row: Row) -> tuple[int, str, int, int]:
+        return order.index(row["made_by"]), row["settings"], KINDS.index(row["kind"]), LEVELS.index(row["level"])
+
+    return sorted(found.values(), key=place)
+
+
+def _policy(row: Row, names: Mapping[str, str]) -> str:
+    """Return the policy of a row in words, with the shield's settings that differ from its defaults."""
+    return ", ".join(filter(None, (names[row["made_by"]], row["settings"])))
+
+
+FIGURES = (
+    *("flights", "return", "violations", "cost"),
+    *("helped", "harmed", "vetoed", "of these permitted", "ms"),
+)
+"""Columns of the first table behind policy and river."""
+
+
+def _figures(row: Row) -> list[str]:
+    """Return the cells of `FIGURES`."""
+    return [
+        row["episodes"],
+        _change(row, "return", ".2f"),
+        _change(row, "violations", ".0%"),
+        _change(row, "cost", ".2f"),
+        row["helped"],
+        row["harmed"],
+        f"{_vetoes(row) / int(row['steps']):.1%}",
+        f"{_vetoes(row, 'false_') / max(_vetoes(row), 1):.0%}",
+        f"{float(row['ms_a_step']):.2f}",
+    ]
+
+
+def _change(row: Row, name: str, digits: str) -> str:
+    """Return a figure without and with the shield."""
+    return " → ".join(format(float(row[f"{name}_{side}"]), digits) for side in SIDES)
+
+
+def _ends(row: Row) -> list[str]:
+    """Return for each reason how many flights end for it, without and with the shield."""
+    counts = [dict(pair.split("=") for pair in row[f"reasons_{side}"].split()) for side in SIDES]
+    return [" → ".join(of_side.get(reason, "0") for of_side in counts) for reason in REASONS]
+
+
+def _vetoes(row: Row, prefix: str = "") -> int:
+    """Return how many moves were vetoed, or of these, with `false_`, were permitted by the rules."""
+    return sum(int(row[prefix + name.replace(" ", "_")]) for name in VETOED)

@@ -189,7 +189,8 @@ def test_flights_from_different_starts_are_no_pairs(script: ModuleType):
 def test_the_tables_have_a_line_of_each_row(script: ModuleType, arms: ModuleType, page: ModuleType):
     arm = arms.Arm("random", settings=("lookahead=0",))
     table = page.page_tables([row(script, arm, 2)], {arm.made_by: "random"})
-    figures = "2 | 10.00 → 10.00 | 0% → 50% | 0.00 → 0.10 | 0 | 1 | 5.0% | 30% | 0.13"
+    # Wilson: none in 2 reaches up to 0.6576, one in 2 from 0.0945 to 0.9055; 0.5 - √(0.4055² + 0.6576²) = -0.273.
+    figures = "2 | 10.00 → 10.00 | 0% → 50% | 50.0 [-27.3, 90.5] | 0.00 → 0.10 | 0 | 1 | 5.0% | 30% | 0.13"
     assert f"| random, lookahead=0 | fixed, Hard | {figures} |" in table
     assert "| random, lookahead=0 | fixed, Hard | 0 → 0 | 0 → 0 | 0 → 0 | 0 → 0 | 0 → 1 | 0 → 0 | 2 → 1 |" in table
 
@@ -212,6 +213,35 @@ def test_of_the_same_flights_the_row_of_the_most_counts_and_rows_are_in_order(
     medium, last = row(script, noise, 4, level="Medium"), row(script, student, 4)
     rows = page.current_rows([last, small, large, small_again, medium], arms.names_of([noise, student]))
     assert rows == [medium, large, last]
+
+
+def test_the_difference_of_equal_shares_by_hand(page: ModuleType):
+    # Wilson's interval of none in 100 reaches up to z² / (100 + z²) = 3.8415 / 103.8415.
+    found = page.paired_difference_of_shares(0, 0, 0, 100)
+    assert (found.value, found.low, found.high) == pytest.approx((0.0, -0.036994, 0.036994), abs=1e-6)
+
+
+def test_the_difference_of_opposite_shares_by_hand(page: ModuleType):
+    # None in 4 against all 4: Wilson's intervals are 0 to w and 1 - w to 1 with w = z² / (4 + z²) = 0.489891.
+    found = page.paired_difference_of_shares(0, 0, 4, 0)
+    assert (found.value, found.low, found.high) == pytest.approx((-1.0, -1.0, -1.0 + 2**0.5 * 0.489891), abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("counts", "value", "low", "high"),
+    [((59, 6, 16, 80), -0.0621, -0.1186, -0.0046), ((1, 1, 7, 12), -0.2857, -0.5069, -0.0256)],
+    ids=["correlated", "less than the correction"],
+)
+def test_the_difference_of_published_tables(page: ModuleType, counts: tuple, value: float, low: float, high: float):
+    # The first has these ends in the tests of the R package contingencytables.
+    found = page.paired_difference_of_shares(*counts)
+    assert (found.value, found.low, found.high) == pytest.approx((value, low, high), abs=5e-5)
+
+
+def test_the_difference_of_a_row_is_negative_where_the_shield_helps(page: ModuleType):
+    counts = {"episodes": "161", "helped": "16", "harmed": "6", "violations_without": f"{75 / 161:.4f}"}
+    found = page.violations_difference(counts)
+    assert (found.value, found.low, found.high) == pytest.approx((-0.0621, -0.1186, -0.0046), abs=5e-5)
 
 
 def test_the_page_has_the_committed_tables(script: ModuleType, arms: ModuleType):

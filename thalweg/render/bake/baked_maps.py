@@ -22,8 +22,9 @@ from thalweg.render.bake.canopy import canopy_map
 from thalweg.render.bake.cone_map import cone_map
 from thalweg.world.record import World
 
-MOST_FILES = 128
-"""Files that are kept, of some megabytes each; the least recently used beyond them are removed."""
+MOST_FILES = 1024
+"""Files that are kept, of some 4 MB each, one for each sun of a river; the least recently used beyond them are removed.
+Fewer than a training has rivers would all be removed before they are used again."""
 
 
 class BakedMaps(NamedTuple):

@@ -196,14 +196,14 @@ def test_a_policy_that_sees_images_is_taken_over_with_the_shape_of_its_network(
 
 
 def test_a_network_of_another_shape_that_is_asked_for_is_refused_by_name(imitated: Path, tmp_path: Path):
-    words = r"memory_size is 0 here and 6 there; eyes is Eyes\(.*features=9\) here and Eyes\(.*features=8\) there"
+    words = r"memory_size is 0 here and 6 there; features is 9 here and 8 there"
     with pytest.raises(AlgorithmError, match=words):
         see(tmp_path / "run", begin_with=imitated, changes={"features": 9, "memory": "none"})
     assert not (tmp_path / "run").exists()
 
 
 def test_policies_of_numbers_and_of_images_do_not_take_each_other_over(first: Path, imitated: Path, tmp_path: Path):
-    with pytest.raises(AlgorithmError, match=r"obs_size is 66 here and 3 there; .*eyes is Eyes\(.*here and None there"):
+    with pytest.raises(AlgorithmError, match=r"obs_size is 66 here and 3 there; .*image is \(.*\) here and None there"):
         see(tmp_path / "run", begin_with=first)
     with pytest.raises(AlgorithmError, match="obs_size is 3 here and 66 there"):
         train(tmp_path / "run", "PPO", begin_with=imitated, **at_once())

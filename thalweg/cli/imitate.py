@@ -38,6 +38,8 @@ class Imitate(Command):
     """Settings, such as learning_rate=5e-4; `--set help` lists them with their meanings."""
     threads: int | None = None
     """Threads for learning; by default as many as there are processors, within OMP_NUM_THREADS."""
+    begin_with: Path | None = None
+    """Run folder or policy file of the policy that the student starts from, `packaged` or `packaged-rgb`."""
     device: str = "cpu"
     """Where to draw frames and learn: cpu, cuda, cuda:1, or auto, which uses a GPU if one works."""
 
@@ -75,11 +77,19 @@ class Imitate(Command):
             rivers_in_memory=self.rivers_in_memory,
             settings={**settings, "observation": self.observation},
             threads=self.threads,
+            begin_with=self._begun,
             device=self.device,
         )
         result = imitation.run(progress=True)
         print_result(result, ["--levels", *levels, "--unseen"] if reach is None else self.river.words())
         return 0
+
+    @property
+    def _begun(self) -> Path | None:
+        """File or folder of the policy to start from."""
+        from thalweg.bench.packaged import policy_path
+
+        return None if self.begin_with is None else policy_path(str(self.begin_with))
 
     def _clone(self, settings: dict[str, Any]) -> int:
         """Learn from recordings; raises `UsageError` for options of flights."""
@@ -96,6 +106,7 @@ class Imitate(Command):
             sequences=self.num_envs,
             settings={**settings, "observation": self.observation},
             threads=self.threads,
+            begin_with=self._begun,
             device=self.device,
         ).run(progress=True)
         print_result(result, ["--levels", *self.levels, "--unseen"])

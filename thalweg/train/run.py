@@ -18,7 +18,6 @@ from thalweg.algos.policy import policy as policies
 from thalweg.algos.policy.networks import NetworkShape
 from thalweg.algos.registry import Entry, algorithm_named, plugin_named
 from thalweg.core import versions
-from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import DeviceError, resolve_device
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import to_plain
@@ -29,7 +28,15 @@ from thalweg.train.folder import run_record
 from thalweg.train.rollouts.collector import Collector
 from thalweg.train.rollouts.images import check_rollout_memory
 from thalweg.train.rollouts.tensor_collector import TensorEnv, make_collector
-from thalweg.train.run_in_folder import RunResult, check_numbers, open_folder, policy_file, result_of, train_to_end
+from thalweg.train.run_in_folder import (
+    RunResult,
+    check_numbers,
+    initialise_policy,
+    open_folder,
+    policy_file,
+    result_of,
+    train_to_end,
+)
 from thalweg.train.trainer import Trainer
 
 FEW_UPDATES = 5
@@ -127,7 +134,8 @@ def run(
     identity = settings | _task_identity(task, learner, collector)
     if how.begin_with is not None:
         check_warmup(resolved, steps, task.num_envs)
-        identity["begin_with"] = _initialise_policy(learner, policy_file(how.begin_with))
+        identity["begin_with"] = initialise_policy(learner.policy, policy_file(how.begin_with))
+        learner.warm_up_critics()
     elif getattr(resolved, "imitation_kl", 0.0):
         raise AlgorithmError(
             f"imitation_kl = {resolved.imitation_kl} weighs the KL from the policy that a run begins with: give"
@@ -240,15 +248,3 @@ def _task_identity(task: Task, learner: Learner, collector: Collector) -> dict[s
     if task.graphs:  # on a GPU only
         identity["graphs"] = True
     return identity
-
-
-def _initialise_policy(learner: Learner, file: Path) -> dict[str, str]:
-    """Initialise a learner's policy from a policy file, so that its critics warm up; returns what identifies the
-    file."""
-    started = learner.policy
-    if not isinstance(started, policies.Policy):
-        raise AlgorithmError(f"{started.about.algorithm} is a planner and can't start from the policy of another run")
-    other = policies.load_policy(file, started.device)
-    started.initialise_from(other)
-    learner.warm_up_critics()
-    return {"algorithm": other.about.algorithm, "content": file_hash(file)}

@@ -12,6 +12,7 @@ import torch
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.policy import policy as policies
+from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.notices import notice
 from thalweg.core.plugins.record import PluginWarning, changed_source
@@ -177,6 +178,18 @@ def load_policy(path: str | Path, device: str = "cpu") -> Any:
     Raises `AlgorithmError` if there is none, with the status of the run.
     """
     return policies.load_policy(policy_file(path), torch.device(resolve_device(device)))
+
+
+def initialise_policy(policy: Any, file: Path) -> dict[str, str]:
+    """Initialise a policy from a policy file, and return what identifies the file.
+
+    Raises `AlgorithmError` for a planner, and for a file of a policy of another kind.
+    """
+    if not isinstance(policy, policies.Policy):
+        raise AlgorithmError(f"{policy.about.algorithm} is a planner and can't start from the policy of another run")
+    other = policies.load_policy(file, policy.device)
+    policy.initialise_from(other)
+    return {"algorithm": other.about.algorithm, "content": file_hash(file)}
 
 
 def policy_file(path: str | Path) -> Path:

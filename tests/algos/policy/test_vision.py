@@ -122,6 +122,6 @@ def test_a_file_has_no_statistics_of_pixels_and_one_that_has_them_is_read(tmp_pa
 
 def test_a_policy_starts_only_from_one_with_the_same_eyes():
     other = policy(eyes=Eyes((16, 16, 3), (4, 8), 8))
-    with pytest.raises(AlgorithmError, match="eyes is"):
+    with pytest.raises(AlgorithmError, match=r"filters is \(4, 6\) here and \(4, 8\) there"):
         policy().initialise_from(other)
     policy().initialise_from(policy())

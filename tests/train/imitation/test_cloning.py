@@ -84,6 +84,17 @@ def test_what_was_flown_is_learnt(tmp_path: Path):
     assert policy.about.algorithm == "BC" and policy.about.context["recorded_steps"] == 70
 
 
+def test_a_student_begins_with_the_policy_of_another_run(tmp_path: Path):
+    folder = recorded(tmp_path / "flights", flight(9))
+    given: dict[str, Any] = {"steps": 16, "sequences": 2, "threads": 1}
+    first = Cloning(tmp_path / "first", (folder,), settings=SMALL, **given).run().policy
+    still = {"settings": SMALL | {"learning_rate": 1e-9}, "seed": 1, **given}
+    second = Cloning(tmp_path / "second", (folder,), begin_with=tmp_path / "first", **still).run().policy
+    for mine, others in zip(second.actor.parameters(), first.actor.parameters(), strict=True):
+        torch.testing.assert_close(mine, others, rtol=0.0, atol=1e-6)
+    assert description_of(tmp_path / "second")["run"]["begin_with"]["algorithm"] == "BC"
+
+
 def test_an_interrupted_run_resumes_to_the_same_numbers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
@@ -115,7 +126,7 @@ def test_an_interrupted_run_resumes_to_the_same_numbers(
 
 def test_a_run_on_a_gpu_is_recorded_and_resumed_there_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     class Reached(Exception):
-        """The student would be made."""
+        """The student would learn."""
 
     folder = recorded(tmp_path / "flights", flight(20))
     on_cpu = Cloning(tmp_path / "cpu", [folder], steps=16, sequences=4, settings=SMALL, threads=1)
@@ -123,7 +134,8 @@ def test_a_run_on_a_gpu_is_recorded_and_resumed_there_alone(tmp_path: Path, monk
     assert "device" not in description_of(tmp_path / "cpu")["run"]
     monkeypatch.setattr("thalweg.train.imitation.cloning.resolve_device", lambda name: f"{name}:0")
     monkeypatch.setattr("thalweg.train.folder.run_record.gpu_info", lambda: {"gpu": "A card"})
-    monkeypatch.setattr("thalweg.train.imitation.cloning.Student", Mock(side_effect=Reached))
+    monkeypatch.setattr("thalweg.train.imitation.cloning.Student", Mock())
+    monkeypatch.setattr("thalweg.train.imitation.cloning.CloningTrainer", Mock(side_effect=Reached))
     with pytest.raises(TrainingError, match="device"):
         replace(on_cpu, device="cuda").run()
     on_gpu = replace(on_cpu, folder=tmp_path / "gpu", device="cuda")

@@ -134,6 +134,32 @@ def test_flights_that_begin_anew_are_no_episodes(
         assert {row["env"] for row in csv.DictReader(file)} == flown
 
 
+def weights_of(folder: Path) -> torch.Tensor:
+    return torch.cat([parameter.detach().flatten() for parameter in load_policy(folder).actor.parameters()])
+
+
+def test_a_student_begins_with_the_weights_of_another(tmp_path: Path):
+    imitation(tmp_path / "first").run()
+    still = {"settings": SETTINGS | {"learning_rate": 1e-9}, "seed": 1}
+    imitation(tmp_path / "second", begin_with=tmp_path / "first", **still).run()
+    imitation(tmp_path / "anew", **still).run()
+    torch.testing.assert_close(weights_of(tmp_path / "second"), weights_of(tmp_path / "first"), rtol=0.0, atol=1e-6)
+    assert (weights_of(tmp_path / "anew") - weights_of(tmp_path / "first")).abs().max() > 1e-2
+    imitation(tmp_path / "other", seed=2).run()
+    with pytest.raises(TrainingError, match="begin_with"):
+        imitation(tmp_path / "second", begin_with=tmp_path / "other", **still).run()
+
+
+def test_a_student_does_not_begin_with_a_policy_of_another_kind(tmp_path: Path):
+    imitation(tmp_path / "first").run()
+    wider = {"settings": SETTINGS | {"hidden": [9]}}
+    with pytest.raises(AlgorithmError, match=r"hidden is \(9,\) here and \(8,\) there"):
+        imitation(tmp_path / "second", begin_with=tmp_path / "first", **wider).run()
+    with pytest.raises(AlgorithmError, match="no policy"):
+        imitation(tmp_path / "second", begin_with=tmp_path / "nowhere").run()
+    assert not (tmp_path / "second").exists()
+
+
 def test_a_policy_says_what_it_sees(tmp_path: Path):
     imitation(tmp_path / "run", steps=8, settings=SETTINGS | {"observation": "mask"}).run()
     policy = load_policy(tmp_path / "run")

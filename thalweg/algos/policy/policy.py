@@ -162,7 +162,9 @@ class Policy:
             "hidden": shape.hidden,
             "activation": shape.activation,
             "memory_size": shape.memory,
-            "eyes": shape.eyes,
+            "image": shape.eyes and shape.eyes.image,
+            "filters": shape.eyes and shape.eyes.filters,
+            "features": shape.eyes and shape.eyes.features,
             "normalise_observations": self.normaliser.enabled,
         }
 

@@ -36,7 +36,15 @@ from thalweg.train.imitation.mirroring import mirror
 from thalweg.train.imitation.recorded_flights import RecordedFlights
 from thalweg.train.imitation.student_trainer import StudentTrainer
 from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics
-from thalweg.train.run_in_folder import RunResult, check_numbers, open_folder, result_of, train_to_end
+from thalweg.train.run_in_folder import (
+    RunResult,
+    check_numbers,
+    initialise_policy,
+    open_folder,
+    policy_file,
+    result_of,
+    train_to_end,
+)
 
 ALGORITHM = "BC"
 """Name of behaviour cloning in files and tables."""
@@ -61,6 +69,8 @@ class Cloning:
     """Threads for learning; None: as many as there are processors, within OMP_NUM_THREADS."""
     checkpoint_seconds: float = 60.0
     """Least time between two checkpoints."""
+    begin_with: Path | None = None
+    """As of an `Imitation`."""
     device: str = "cpu"
     """Device of the student, see `thalweg.core.compute.device`. A run is resumed on the kind of device that it began
     on."""
@@ -70,7 +80,7 @@ class Cloning:
         finished run the result is returned.
 
         Raises `ConfigError`, `TrainingError` and `DatasetError` for arguments that are wrong, and for recordings that
-        do not fit, before anything is learnt.
+        do not fit, and `AlgorithmError` for a policy of another kind to begin with, before anything is learnt.
         """
         settings = {"auxiliary_weight": 0.0, **(self.settings or {})}
         config = parse_config(ImitationConfig, settings, "settings")
@@ -88,12 +98,14 @@ class Cloning:
                 f" record more, or set sequence={len(flights.first)}"
             )
         identity = self._identity(config, flights) | device_identity(device.type)
-        status = open_folder(self.folder, identity, threads)
-        if status.get("state") == "finished":
-            return result_of(self.folder, status, resumed_from=None, already_finished=True)
         actions, sizes = actions_of(action_space("multidiscrete")), (len(FEATURES), ROWS * COLUMNS)
         with torch_threads(1):
             student = Student(config, actions, MOVE_OPTIONS, sizes, self.seed, identity["context"], device)
+        if self.begin_with is not None:
+            identity["begin_with"] = initialise_policy(student.policy, policy_file(self.begin_with))
+        status = open_folder(self.folder, identity, threads)
+        if status.get("state") == "finished":
+            return result_of(self.folder, status, resumed_from=None, already_finished=True)
         student.policy.about = About(ALGORITHM, to_plain(config), identity["context"])
         trainer = CloningTrainer(flights, student, self.steps, self.sequences, self.seed, threads)
         return train_to_end(

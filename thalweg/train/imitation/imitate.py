@@ -20,6 +20,7 @@ from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.spaces import action_space
 from thalweg.env.task.bird_eye import COLUMNS, ROWS
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
@@ -29,7 +30,15 @@ from thalweg.train.folder.run_record import RUN_FOLDER, device_identity, read_co
 from thalweg.train.imitation.gate import check_teacher, flown_by
 from thalweg.train.imitation.trainer import ImitationTrainer
 from thalweg.train.river import announce_build, banks_version, print_once
-from thalweg.train.run_in_folder import RunResult, check_numbers, open_folder, result_of, train_to_end
+from thalweg.train.run_in_folder import (
+    RunResult,
+    check_numbers,
+    initialise_policy,
+    open_folder,
+    policy_file,
+    result_of,
+    train_to_end,
+)
 from thalweg.world import Level, Reach, level_named
 
 
@@ -57,6 +66,8 @@ class Imitation:
     """Threads for learning; None: as many as there are processors, within OMP_NUM_THREADS."""
     checkpoint_seconds: float = 60.0
     """Least time between two checkpoints."""
+    begin_with: Path | None = None
+    """Folder of a run, or policy file, with whose network the student begins; it must be of the same kind."""
     device: str = "cpu"
     """Where frames are drawn and the student learns, see `thalweg.core.compute.device`; rules and teacher are on the
     CPU. A run is resumed on the kind of device that it began on."""
@@ -65,8 +76,8 @@ class Imitation:
         """Train the student, or resume the run in the folder; of a finished run the result is returned.
 
         Raises `AlgorithmError`, `TrainingError`, `ConfigError` and `WorldError` for arguments that are wrong, for the
-        folder of another run or a file of a river that has changed, for rivers that do not fit into the memory, and for
-        a teacher that fails its gate, before anything is learnt.
+        folder of another run or a file of a river that has changed, for a policy of another kind to begin with, for
+        rivers that do not fit into the memory, and for a teacher that fails its gate, before anything is learnt.
         """
         config = parse_config(ImitationConfig, dict(self.settings or {}), "settings")
         grounds = [level_named(name) for name in self.levels] if self.river is None else [self.river]
@@ -79,6 +90,10 @@ class Imitation:
         river = identity["context"].get("river", {})
         RUN_FOLDER.require_same_file(self.folder, read_context(self.folder).get("river") or {}, river)
         identity |= device_identity(device.type)
+        with torch_threads(1):
+            student = self.new_student(config, actions_of(action_space(rules.action)), identity["context"], device)
+        if self.begin_with is not None:
+            identity["begin_with"] = initialise_policy(student.policy, policy_file(self.begin_with))
         new = (existing := read_config(self.folder)) is None
         if existing is not None:
             require_same(self.folder, existing["run"], identity)
@@ -95,8 +110,6 @@ class Imitation:
                 print_once(env.rivers.pool.description)
             if not new and not status:
                 self._pass_gate(grounds, self._seeds_of_gate(seeds, config), rules, config.teacher)
-            with torch_threads(1):
-                student = self.new_student(config, actions_of(env.single_action_space), identity["context"], device)
             trainer = ImitationTrainer(env, student, self.steps, self.seed, threads)
             return train_to_end(
                 self.folder, trainer, identity, progress=progress, checkpoint_seconds=self.checkpoint_seconds

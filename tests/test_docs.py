@@ -28,6 +28,7 @@ from thalweg.env.tasks import TASKS
 from thalweg.render import Camera
 from thalweg.render.records.classes import CLASSES
 from thalweg.render.records.randomisation import Randomisation
+from thalweg.world.real.file_river import plan_file
 
 ROOT = Path(__file__).resolve().parent.parent
 INDEX = ROOT / "docs" / "README.md"
@@ -131,6 +132,16 @@ def test_a_command_of_a_page_is_understood(page: Path):
         arguments = shlex.split(line, comments=True)[1:]
         known = ENCODER_COMMANDS | {"": COMMANDS[arguments[0]]}
         assert type(_parse(arguments)) is known[arguments[1] if arguments[0] == "encoder" else ""], line
+
+
+def test_every_command_of_the_page_of_your_river_takes_its_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "your-river.md").read_text()
+    exec(python_of(page)[0].split("world = ")[0], {})
+    parsed = [_parse(shlex.split(line, comments=True)[1:]) for line in commands(page) if " isar.geojson" in line]
+    rivers = {tuple(command.river.words()): command.river.reach("--level", None) for command in parsed}  # pyright: ignore
+    lengths = [plan_file(each.path, each).river.length_m for each in rivers.values()]
+    assert len(parsed) == 7 and lengths == pytest.approx([1368, 300], abs=1)
 
 
 def test_the_readme_shows_every_command_and_how_to_reach_it():

@@ -116,7 +116,7 @@ def test_a_line_with_corners_is_built_once_it_is_smoothed(tmp_path):
     path = written(
         tmp_path, feature(from_metres(np.repeat(corners, 2, axis=0)[:-1] + np.tile([[0, 0], [4, 0]], (6, 1))[:-1]))
     )
-    with pytest.raises(WorldFileError, match=r"radius of \d.*; smoothing the line with smooth_m above 0 m may help"):
+    with pytest.raises(WorldFileError, match=r"radius of \d.*; smoothing the line may help, for example smooth_m=8"):
         World.from_file(path, plants=False)
     world = World.from_file(path, smooth_m=12.0, plants=False)
     assert 200 < world.river.length_m < 300
@@ -142,7 +142,7 @@ BULB = BULB + [[x, 10 - y] for x, y in BULB[-2::-1]]
 BAD_COURSES = {
     "curls when drawn": (
         feature(from_metres([[0, 0], [60, 0], [90, -15], [120, 5], [90, 25], [60, 10], [0, 10]])),
-        r"crosses itself at \(-?\d+\.\d, -?\d+\.\d\) m: .*; smoothing the line with smooth_m above 0 m may help",
+        r"crosses itself at \(-?\d+\.\d, -?\d+\.\d\) m: .*; smoothing the line may help, for example smooth_m=8",
     ),
     "a hill": (
         feature([[*p, z] for p, z in zip(EAST, [50, 49, 70, 47, 46], strict=True)]),

@@ -27,6 +27,8 @@ MAX_ELEVATION_ERROR_M = 5.0
 """Maximum distance of an elevation from the monotone profile; beyond it, it cannot be that of the water."""
 MAX_SMOOTH_M = 200.0
 """Maximum standard deviation of the smoothing."""
+TRY_SMOOTH_M = 8.0
+"""Smoothing that errors suggest for a line that is not smoothed; twice as much as before for others."""
 
 
 class ElevationError(WorldError):
@@ -67,8 +69,8 @@ def errors_naming(path: str | Path, smooth_m: float) -> Iterator[None]:
     try:
         yield
     except ShapeError as reason:
-        hint = f"smoothing the line with smooth_m above {smooth_m:g} m may help"
-        raise WorldFileError(f"{path}: {reason}; {hint}") from None
+        try_m = min(max(TRY_SMOOTH_M, 2 * smooth_m), MAX_SMOOTH_M)
+        raise WorldFileError(f"{path}: {reason}; smoothing the line may help, for example smooth_m={try_m:g}") from None
     except WorldError as reason:
         raise WorldFileError(f"{path}: {reason}") from None
 

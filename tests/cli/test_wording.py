@@ -32,6 +32,11 @@ TRAIN = Train(Path("x"))
             "--length-m is 3 m; expected 15 to 10400 m; such as --length-m 300",
         ),
         (
+            DrawWorld(river=RiverFile(Path("a.geojson"))),
+            "no width: give the line the property width_m, in metres, or pass width_m",
+            "no width: give the line the property width_m, in metres, or pass --width-m",
+        ),
+        (
             Imitate(),
             "in_memory must be at least 96 for 192 rivers, not 1",
             "--rivers-in-memory must be at least 96 for 192 rivers, not 1; such as --rivers-in-memory 8",

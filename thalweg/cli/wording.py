@@ -44,7 +44,7 @@ def in_options(message: str, command: Any) -> str:
     for name, (option, _) in options.items():
         message = re.sub(rf"(?<![-\w.]){name}=(?=\w)", f"{option} ", message)
         if "_" in name:
-            message = re.sub(rf"(?<![-\w./]){name}(?![\w=]|\.\w)", option, message)
+            message = re.sub(rf"(?<![-\w./])(?<!property ){name}(?![\w=]|\.\w)", option, message)
         message = re.sub(rf"(?<![^ ])(?<![^ :;] ){name} (?={VERBS}\b)", f"{option} ", message)
     if "set" in options:
         message = re.sub(r"(?<!-)\bset (?=\w+=\w)", "--set ", message)

@@ -49,9 +49,8 @@ class PricedPG:
 
     def _step(self, inputs: Any, actions: Tensor, advantages: Tensor) -> Tensor:
         """Take a step along E[A ∇ log π(a|s)] (Williams 1992), with a bonus for entropy; returns the loss."""
-        bonus = self.config.entropy
         return self.agent.step(
-            inputs, lambda new: -(new.log_prob(actions) * advantages).mean() - bonus * new.entropy().mean()
+            inputs, lambda pi: -(pi.log_prob(actions) * advantages).mean() - self.config.entropy * pi.entropy().mean()
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:

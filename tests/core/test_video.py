@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from thalweg.core.atomic_io import atomic_path
-from thalweg.core.video import VideoError, open_video, read_video, write_video
+from thalweg.core.video import VideoError, comment_of, open_video, read_video, write_video
 
 FRAMES = np.repeat(np.arange(6, dtype=np.uint8) * 40, 32 * 34 * 3).reshape(6, 32, 34, 3)
 
@@ -20,6 +20,13 @@ def test_frames_and_their_rate_are_read_as_they_were_written(tmp_path: Path):
         found = np.stack(list(video.frames))
     assert video.fps == 12.5 and found.shape == FRAMES.shape
     assert np.abs(found.astype(int) - FRAMES).max() <= 2  # rounding of luma and chroma
+
+
+def test_a_comment_is_kept_in_the_metadata_and_changes_no_frame(tmp_path: Path):
+    write_video(tmp_path / "bare.mp4", FRAMES, 4, crf=20)
+    write_video(tmp_path / "told.mp4", FRAMES, 4, crf=20, comment="thalweg film")
+    assert [comment_of(tmp_path / name) for name in ("bare.mp4", "told.mp4", "absent.mp4")] == ["", "thalweg film", ""]
+    np.testing.assert_array_equal(*(np.stack([*read_video(tmp_path / f"{name}.mp4")]) for name in ("bare", "told")))
 
 
 def test_without_a_frame_nothing_is_written(tmp_path: Path):

@@ -9,6 +9,7 @@ import pytest
 
 from tests.deploy import policies
 from thalweg.bench.packaged import PACKAGED_POLICY
+from thalweg.bench.pictures.film_format import FILM_COMMENT
 from thalweg.cli.main import main
 from thalweg.core.video import VideoError, open_video, read_video, write_video
 from thalweg.deploy.errors import ExportError
@@ -83,6 +84,14 @@ def test_frames_that_are_a_step_apart_are_read(step_s: float, every: int, shown:
     follow(tmp_path / "fast.mp4", tmp_path / "out.mp4", follower, "watcher")
     np.testing.assert_allclose(seen, np.arange(0, 24, every) * 10, atol=3)
     assert imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "out.mp4")) == shown
+
+
+def test_a_film_is_refused_with_what_would_be_right(tmp_path: Path):
+    write_video(tmp_path / "in.mp4", np.zeros((2, 64, 64, 3), np.uint8), 4, crf=18, comment=FILM_COMMENT)
+    follower: Any = Watched(lambda frame: Followed(frame, frame, np.ones(4, int), None), 0.25)
+    with pytest.raises(VideoError, match=r"in.mp4 is a film by thalweg film, .*`thalweg record steady --video"):
+        follow(tmp_path / "in.mp4", tmp_path / "out.mp4", follower, "watcher")
+    assert not (tmp_path / "out.mp4").exists()
 
 
 def test_the_step_is_that_of_the_policys_training():

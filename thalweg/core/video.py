@@ -3,6 +3,7 @@
 import errno
 import os
 import shutil
+import subprocess
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -38,8 +39,8 @@ class Video:
 class VideoWriter:
     """Takes the frames of a video one after the other; made by `video_writer`."""
 
-    def __init__(self, path: Path, fps: float, crf: int, key_every: int | None, name: Path) -> None:
-        self._path, self._name, self._settings = path, name, (fps, crf, key_every)
+    def __init__(self, path: Path, fps: float, crf: int, key_every: int | None, name: Path, comment: str = "") -> None:
+        self._path, self._name, self._settings = path, name, (fps, crf, key_every, comment)
         self._process: Any = None
         self._shape: tuple[int, ...] = ()
         self.count = 0
@@ -75,10 +76,10 @@ class VideoWriter:
 
 @contextmanager
 def video_writer(
-    path: Path, fps: float, *, crf: int, key_every: int | None = None, name: Path | None = None
+    path: Path, fps: float, *, crf: int, key_every: int | None = None, name: Path | None = None, comment: str = ""
 ) -> Iterator[VideoWriter]:
     """Yield a writer of a video; without a frame, there is no file. Arguments and errors are those of `write_video`."""
-    writer = VideoWriter(path, fps, crf, key_every, path if name is None else name)
+    writer = VideoWriter(path, fps, crf, key_every, path if name is None else name, comment)
     try:
         yield writer
     finally:
@@ -94,6 +95,7 @@ def write_video(
     crf: int,
     key_every: int | None = None,
     name: Path | None = None,
+    comment: str = "",
 ) -> int:
     """Write frames [H, W, 3] uint8, all of one size, and return how many there are; writes no file without any.
 
@@ -104,23 +106,25 @@ def write_video(
         crf: Constant rate factor of H.264, from 0, lossless, to 51.
         key_every: Frames between two key frames, from which reading can begin; None leaves them to the encoder.
         name: File that errors name, such as the one that a draft at `path` becomes; `path` by default.
+        comment: Text for the file's metadata, which `comment_of` reads; none if empty.
 
     Raises the errors of `VideoWriter.send`.
     """
-    with video_writer(path, fps, crf=crf, key_every=key_every, name=name) as writer:
+    with video_writer(path, fps, crf=crf, key_every=key_every, name=name, comment=comment) as writer:
         for frame in frames:
             writer.send(frame)
     return writer.count
 
 
-def _begin(path: Path, frame: np.ndarray, fps: float, crf: int, key_every: int | None) -> Any:
+def _begin(path: Path, frame: np.ndarray, fps: float, crf: int, key_every: int | None, comment: str) -> Any:
     """Return a writer of frames of the size of `frame`."""
     height, width = frame.shape[:2]
     if height % 2 or width % 2:
         raise VideoError(f"a video needs an even height and width, not {height} x {width}")
     keys = [] if key_every is None else ["-g", str(key_every)]
     settings: Any = {"fps": fps, "codec": CODEC, "pix_fmt_out": PIXELS, "quality": None, "macro_block_size": 1}
-    options = ["-crf", str(crf), *keys, "-movflags", "+faststart"]
+    about = ["-metadata", f"comment={comment}"] if comment else []
+    options = ["-crf", str(crf), *keys, *about, "-movflags", "+faststart"]
     writer = imageio_ffmpeg.write_frames(str(path), (width, height), output_params=options, **settings)
     writer.send(None)
     return writer
@@ -139,6 +143,14 @@ def open_video(path: Path) -> Iterator[Video]:
         yield Video(float(about.get("fps") or np.nan), _frames(reader, path, (height, width, 3)))
     finally:
         reader.close()
+
+
+def comment_of(path: Path) -> str:
+    """Return the one-line comment in a video's metadata; empty if there is none, or if the file is no video."""
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(path), "-f", "ffmetadata", "-"]
+    told = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False).stdout
+    lines = (line.partition("=") for line in told.decode(errors="replace").splitlines())
+    return next((value for key, _, value in lines if key == "comment"), "")
 
 
 def read_video(path: Path) -> Iterator[np.ndarray]:

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from thalweg.bench.pictures.film_format import FILM_COMMENT
 from thalweg.core.atomic_io import atomic_path
-from thalweg.core.video import Video, VideoError, open_video, write_video
+from thalweg.core.video import Video, VideoError, comment_of, open_video, write_video
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.export import Exportable
 from thalweg.encoder.water import WaterSegmenter, water_in
@@ -169,8 +170,14 @@ def follow(path: Path, out: Path, follower: Follower, title: str) -> np.ndarray:
     """Write the overlay of the video `path` to `out`, atomically, and return its T moves [T, 4].
 
     Frames are taken about a step of the policy's training apart. Raises `FileNotFoundError`, and `VideoError` for a
-    file that is no video, has no frame, or does not say how many frames a second it has.
+    file that is no video, has no frame, or does not say how many frames a second it has, and for a film, whose frames
+    are not those of a camera.
     """
+    if comment_of(path) == FILM_COMMENT:
+        raise VideoError(
+            f"{path} is a film by thalweg film, whose frames also show the mask, the map and text; record what the "
+            "camera sees by `thalweg record steady --video --episodes 1`"
+        )
     taken: list[np.ndarray] = []
 
     def overlays(frames: Iterator[np.ndarray]) -> Iterator[np.ndarray]:

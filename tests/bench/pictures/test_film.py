@@ -27,8 +27,8 @@ from thalweg.bench.pictures.film import (
     smooth,
     write_film,
 )
-from thalweg.bench.pictures.film_format import BLOCK_PX, LARGE, MARGIN_PX, SMALL, FilmFormat, format_of
-from thalweg.core.video import read_video
+from thalweg.bench.pictures.film_format import BLOCK_PX, FILM_COMMENT, LARGE, MARGIN_PX, SMALL, FilmFormat, format_of
+from thalweg.core.video import comment_of, read_video
 from thalweg.env import sample_starts
 from thalweg.render import Camera
 from thalweg.world import World
@@ -145,6 +145,7 @@ def test_a_film_has_a_frame_for_each_shown_step_and_holds_the_last(
         path, easy_world, flight, "pilot", shape=shape, camera=Camera(32, 32), on_frame=lambda: drawn.append(None)
     )
     about: Any = next(imageio_ffmpeg.read_frames(str(path)))
+    assert comment_of(path) == FILM_COMMENT
     frames = list(read_video(path))
     assert (len(drawn), len(frames)) == (shown, shown + round(HOLD_S * FRAMES_PER_S))
     assert about["codec"] == "h264"

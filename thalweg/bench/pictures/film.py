@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import REASON_TEXT, Episode
 from thalweg.bench.evaluate.evaluation import Step
-from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX, FilmFormat
+from thalweg.bench.pictures.film_format import FILM_COMMENT, LARGE, MARGIN_PX, FilmFormat
 from thalweg.bench.results.results import POSTER
 from thalweg.core.atomic_io import atomic_path, write_picture
 from thalweg.core.video import write_video
@@ -263,6 +263,6 @@ def write_film(
         yield from [picture] * round(HOLD_S * FRAMES_PER_S)
 
     with atomic_path(path) as draft:
-        write_video(draft, pictures(), FRAMES_PER_S, crf=shape.crf, name=path)
+        write_video(draft, pictures(), FRAMES_PER_S, crf=shape.crf, name=path, comment=FILM_COMMENT)
     assert poster is not None
     write_picture(path.with_suffix(POSTER), Image.fromarray(poster))

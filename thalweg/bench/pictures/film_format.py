@@ -10,6 +10,8 @@ BLOCK_PX = 16
 """Block size of H.264, of which the sides of a film are multiples."""
 MOST_WIDE = 4
 """Greatest width of a camera's frame as a multiple of its height."""
+FILM_COMMENT = "thalweg film"
+"""Comment in the metadata of films, by which they are told from videos of a camera."""
 
 
 @dataclass(frozen=True)

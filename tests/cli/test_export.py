@@ -31,7 +31,7 @@ def test_the_packaged_policy_of_the_image_alone_is_exported_without_a_mask(
     [
         (["--out", "policy.pt"], "--out must end in .onnx, not 'policy.pt'"),
         (["pilot"], "Pilot is no trained network: only networks can be exported"),
-        (["missing"], "no policy at missing"),
+        (["missing"], "a policy file, or one of: packaged, packaged-rgb"),
     ],
 )
 def test_what_cannot_be_exported_is_refused(

@@ -38,7 +38,7 @@ ROOT = Path(__file__).resolve().parent.parent.parent
         (["--host", "0.0.0.0"], "--host 0.0.0.0 would serve on all addresses"),
         (["--level", "Eazy"], "'Eazy'"),
         (["--look", "autum"], "did you mean 'autumn'?"),
-        (["--size", "20"], "size_px must be"),
+        (["--size", "20"], "--size must be a whole number from 32 to 768"),
         (["--task", "Nest"], "unknown task 'Nest' (did you mean 'Nests'?)"),
         (["--vehicle", "asv", "--task", "Nests"], "task must be River for the vehicle asv"),
         (["missing/policy"], "no policy at missing/policy"),

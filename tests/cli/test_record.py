@@ -232,6 +232,7 @@ def test_a_saved_flight_is_one_flight(capsys: pytest.CaptureFixture):
     [
         (["--episodes", "0"], "--episodes must be at least 1, not 0"),
         (["--steps", "0"], "--steps must be at least 1, not 0"),
+        (["--size", "7"], "--size must be a whole number from 16 to 2048, got 7; such as --size 128"),
         (["--video", "--size", "33"], "--video needs frames with an even height and width, not 33 x 33 pixels"),
         (["--video", "--camera", "width_px=97"], "an even height and width, not 128 x 97 pixels"),
         (["--camera", "fov_deg=75", "--size", "64"], "--size goes without --camera, which has height_px and width_px"),

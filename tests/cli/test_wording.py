@@ -6,6 +6,8 @@ import pytest
 
 from thalweg.cli.encoder import EncoderTrain
 from thalweg.cli.evaluate import Evaluate
+from thalweg.cli.film import Film
+from thalweg.cli.fly import Fly
 from thalweg.cli.imitate import Imitate
 from thalweg.cli.options import RiverFile
 from thalweg.cli.train import Train
@@ -35,6 +37,13 @@ TRAIN = Train(Path("x"))
             DrawWorld(river=RiverFile(Path("a.geojson"))),
             "no width: give the line the property width_m, in metres, or pass width_m",
             "no width: give the line the property width_m, in metres, or pass --width-m",
+        ),
+        (Film(), "look must be random", "--look must be random; such as --look 'as trained'"),
+        (Fly(), "size_px must be 32 or more, got 1", "--size must be 32 or more, got 1; such as --size 384"),
+        (
+            DrawWorld(river=RiverFile(Path("a.geojson"))),
+            "its crs is odd: name the system by crs=EPSG:32632",
+            "its crs is odd: name the system by --crs EPSG:32632",
         ),
         (
             Imitate(),

@@ -27,3 +27,9 @@ def test_a_part_of_one_name_suggests_the_whole_and_a_part_of_several_nothing():
     assert did_you_mean("sac", known) == " (did you mean 'SACLag'?)"
     assert did_you_mean("loop", known) == " (did you mean 'SafeLOOP'?)"
     assert did_you_mean("lag", known) == ""
+
+
+def test_one_wrong_letter_of_three_is_near_to_just_one_name():
+    known = ("PPO", "P3O", "CPO", "CUP")
+    assert did_you_mean("PP0", known) == " (did you mean 'PPO'?)"
+    assert did_you_mean("PXO", known) == ""

@@ -26,7 +26,8 @@ def test_a_comment_is_kept_in_the_metadata_and_changes_no_frame(tmp_path: Path):
     write_video(tmp_path / "bare.mp4", FRAMES, 4, crf=20)
     write_video(tmp_path / "told.mp4", FRAMES, 4, crf=20, comment="thalweg film")
     assert [comment_of(tmp_path / name) for name in ("bare.mp4", "told.mp4", "absent.mp4")] == ["", "thalweg film", ""]
-    np.testing.assert_array_equal(*(np.stack([*read_video(tmp_path / f"{name}.mp4")]) for name in ("bare", "told")))
+    bare, told = (np.stack([*read_video(tmp_path / f"{name}.mp4")]) for name in ("bare", "told"))
+    np.testing.assert_array_equal(bare, told)
 
 
 def test_without_a_frame_nothing_is_written(tmp_path: Path):

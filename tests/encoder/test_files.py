@@ -62,7 +62,7 @@ def test_a_missing_file_is_named(tmp_path):
 
 def test_a_misspelt_name_of_a_packaged_encoder_is_named_with_what_there_is():
     known = "default, geometry, geometry-tasks"
-    message = rf"geometri: no such file \(did you mean 'geometry'\?\); .* comes with the package: {known}$"
+    message = rf"geometri: no such file \(did you mean 'geometry'\?\); .* or one of: {known}$"
     with pytest.raises(EncoderFileError, match=message):
         load_encoder("geometri")
 

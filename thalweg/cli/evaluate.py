@@ -225,10 +225,11 @@ def _encoder_for(policy: "Policy | RecurrentPolicy", command: Evaluate, rules: "
     return encoder
 
 
-def load_named_policy(name: str, vehicle: str = "uav") -> "Policy | RecurrentPolicy":
+def load_named_policy(name: str, vehicle: str = "uav", *, trained: bool = False) -> "Policy | RecurrentPolicy":
     """Return a baseline, a packaged policy, a function, or the policy of a run's folder or a file.
 
-    Raises `ResultsError` for a name of none of these, and the errors of the one that it is.
+    With `trained`, the error of an unknown name offers no baselines and functions. Raises `ResultsError` for a name of
+    none of these, and the errors of the one that it is.
     """
     from thalweg.bench.csv_files import ResultsError
     from thalweg.bench.evaluate.baselines import BASELINES
@@ -242,10 +243,11 @@ def load_named_policy(name: str, vehicle: str = "uav") -> "Policy | RecurrentPol
         return FunctionPolicy.load(name, vehicle=vehicle)
     path = policy_path(name)
     if not path.exists():
-        known = (*PACKAGED_POLICIES, *BASELINES)
+        known = (*PACKAGED_POLICIES,) if trained else (*PACKAGED_POLICIES, *BASELINES)
+        function = "" if trained else " a function such as fly.py:fly,"
         raise ResultsError(
-            f"no policy at {path}{did_you_mean(name, known)}; give a run's folder, a policy file, a function such as"
-            f" fly.py:fly, or one of: {', '.join(known)}"
+            f"no policy at {path}{did_you_mean(name, known)}; give a run's folder, a policy file,{function}"
+            f" or one of: {', '.join(known)}"
         )
     return load_policy(path)
 

@@ -30,7 +30,7 @@ class Export(Command):
         from thalweg.train.run_in_folder import policy_file
 
         check_file("--out", self.out, ".onnx")
-        policy = load_named_policy(self.policy)
+        policy = load_named_policy(self.policy, trained=True)
         encoder = None if self.encoder is None else load_compatible_encoder(self.encoder)
         path = policy_path(self.policy)
         source = policy_file(path) if path.exists() else None

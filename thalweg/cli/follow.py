@@ -32,7 +32,9 @@ class Follow(Command):
         check_file("--out", self.out, ".mp4")
         if self.out.exists() and self.video.exists() and self.out.samefile(self.video):
             raise UsageError(f"--out {self.out} is the video itself: name another file")
-        follower = Follower(load_named_policy(self.policy), load_segmenter(self.segmenter or PACKAGED_WATER))
+        follower = Follower(
+            load_named_policy(self.policy, trained=True), load_segmenter(self.segmenter or PACKAGED_WATER)
+        )
         taken = follow(self.video, self.out, follower, policy_name(self.policy))
         print(f"{self.out}: {len(taken)} steps of {policy_name(self.policy)} over {self.video.name}")
         return 0

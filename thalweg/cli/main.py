@@ -138,7 +138,7 @@ def _in_words(error: Exception, command: Command | None) -> str:
     if not isinstance(error, OSError):
         return str(error) if command is None else in_options(str(error), command)
     if not is_disk_error(error):
-        return str(error)
+        return f"{error.filename}: {str(error.strerror).lower()}" if error.strerror else str(error)
     where = "a file" if error.filename is None else error.filename
     resumes = f". {command.after_interrupt()}" if command is not None and command.resumes else ""
     return f"{where} cannot be written: {error.strerror}{resumes}"

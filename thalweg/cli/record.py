@@ -121,11 +121,21 @@ class Record(FlownFlight):
             raise UsageError(f"--episodes and --world-seeds do not go with {self.flight}, which is one flight")
         if self.camera and self.size != type(self).size:
             raise UsageError("--size goes without --camera, which has height_px and width_px")
-        camera = camera_from(self.camera, self.size)
+        camera = camera_from(self.camera) if self.camera else self._square_camera()
         if self.video and (camera.height_px % 2 or camera.width_px % 2):
             size = f"{camera.height_px} x {camera.width_px} pixels (height x width)"
             raise UsageError(f"--video needs frames with an even height and width, not {size}")
         return camera
+
+    def _square_camera(self) -> "Camera":
+        """Return the camera of --size; raises `UsageError` for a size that it cannot have."""
+        from thalweg.render import Camera
+        from thalweg.render.errors import RenderError
+
+        try:
+            return Camera(self.size, self.size)
+        except RenderError as error:
+            raise UsageError(str(error).partition("; ")[0].replace("height_px", "--size")) from error
 
     def _flights(self, first: int) -> Iterator[Any]:
         """Yield the cockpit at the start of each flight, from the one with the index `first` on."""

@@ -1,6 +1,7 @@
 """Errors in the words of the command line: options in place of Python's arguments, and a value to try."""
 
 import re
+import shlex
 from collections.abc import Iterator
 from dataclasses import MISSING, fields, is_dataclass
 from typing import Annotated, Any, get_args, get_origin
@@ -25,7 +26,7 @@ EXAMPLES = {
     "smooth_m": "4",
 }
 """Values to try of options without a default."""
-OTHER_NAMES = {"in_memory": "rivers_in_memory"}
+OTHER_NAMES = {"in_memory": "rivers_in_memory", "size_px": "size"}
 """Arguments that are named otherwise than the options that they are passed as."""
 VERBS = "must|is|are"
 
@@ -62,7 +63,7 @@ def _fields_of(command: Any) -> Iterator[tuple[str, str]]:
             continue  # it is given by its place, or a value at a time
         default = None if field.default is MISSING or isinstance(field.default, bool) else field.default
         words = default if isinstance(default, tuple) else () if default is None else (default,)
-        yield field.name, " ".join(map(str, words)) or EXAMPLES.get(field.name, "")
+        yield field.name, shlex.join(map(str, words)) or EXAMPLES.get(field.name, "")
 
 
 def _to_try(message: str, options: dict[str, tuple[str, str]]) -> str:

@@ -229,11 +229,14 @@ def encoder_path(given: str | Path | None) -> Path:
 
     None is the default of the package. Raises `EncoderFileError` for what is none of these.
     """
+    from thalweg.encoder.plugin import encoder_names  # which imports this module
+
     path = DEFAULT_PATH if given is None else PACKAGED.get(str(given), Path(given))
     if not path.exists():
+        known = encoder_names()
         raise EncoderFileError(
-            f"{path}: no such file{did_you_mean(str(given), PACKAGED)}; give an encoder's file, the folder of"
-            f" `thalweg encoder train`, or the name of one that comes with the package: {', '.join(PACKAGED)}"
+            f"{path}: no such file{did_you_mean(str(given), known)}; give an encoder's file, the folder of"
+            f" `thalweg encoder train`, or one of: {', '.join(known)}"
         )
     return encoder_file(path)
 

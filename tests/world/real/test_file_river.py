@@ -144,6 +144,7 @@ OPEN = [[[11, 48], [11.1, 48], [11, 48.1], [11.1, 48.1]]]
 BOW = [(0, 0), (100, 20), (100, 0), (0, 20), (0, 0)]
 BAD_FILES = {
     "only roads": ([line(straight(), highway="path")], {}, r"no water way in it, but 1 other line; expected a line of"),
+    "two roads": ([line(straight(), highway="path")] * 2, {}, r"no water way in it, but 2 other lines; expected"),
     "only a bridge": ([line(straight(), bridge="yes")], {}, "no water way in it, but 1 bridge"),
     "no width": ([line(straight())], {}, "no width: give the line the property width_m, in metres, or width, such as"),
     "wide word": ([line(straight(), width="wide")], {}, 'width of feature 0 is "wide"; expected a number of metres'),

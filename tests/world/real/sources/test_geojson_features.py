@@ -80,7 +80,7 @@ BAD_FILES = {
     "other json": ({"hello": 1}, r"not GeoJSON: .*hello.* object with a `type`"),
     "topology": ({"type": "Topology"}, 'type "Topology" is unknown; expected FeatureCollection'),
     "no features": ({"type": "FeatureCollection"}, "the FeatureCollection has no list of features"),
-    "nothing": ({"type": "FeatureCollection", "features": []}, "no water way in it, but nothing; expected a line of"),
+    "nothing": ({"type": "FeatureCollection", "features": []}, "no water way in it: it is empty; expected a line of"),
     "point": (feature([7, 45], "Point"), "no water way in it, but 1 Point"),
     "one position": (feature([[7, 45]]), "the LineString is a line of 1 positions; at least 2 are needed"),
     "no coordinates": ({"type": "LineString"}, "coordinates of the LineString are null; expected a list of positions"),

@@ -142,7 +142,7 @@ BAD = {
     "broken.gpx": ("<gpx><trk>", "not XML: no element found"),
     "other.xml": ("<svg/>", r"XML of the kind <svg>; expected GeoJSON, Overpass JSON, GPX or KML$"),
     "map.osm": ("<osm version='0.6'/>", r"convert it with osmtogeojson river.osm > river.geojson"),
-    "empty.gpx": (GPX.format(""), "no water way in it, but nothing"),
+    "empty.gpx": (GPX.format(""), "no water way in it: it is empty"),
     "point.gpx": (GPX.format('<wpt lon="1" lat="2"/>'), "no water way in it, but 1 waypoint"),
     "short.gpx": (GPX.format(track(PLACES[:1])), "segment 0 of track Isar is a line of 1 positions; at least 2"),
     "words.gpx": (GPX.format('<trk><trkseg><trkpt lon="east" lat="1"/></trkseg></trk>'), "not GPX"),

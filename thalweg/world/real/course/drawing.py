@@ -55,9 +55,11 @@ def _without_water(found: FeatureList, by_role: dict[str, list[Feature]]) -> str
             "other polygon": sum(each.kind == "polygon" for each in by_role["other"]),
         }
     )
-    seen = ", ".join(f"{count} {kind}" for kind, count in (counts + found.others).items()) or "nothing"
+    kinds = (counts + found.others).items()
+    seen = ", ".join(f"{count} {kind}{'s' * (count > 1)}" for kind, count in kinds)
+    instead = f", but {seen}" if seen else ": it is empty"
     return (
-        f"no water way in it, but {seen}; expected a line of the river, such as one with waterway=river or without "
+        f"no water way in it{instead}; expected a line of the river, such as one with waterway=river or without "
         "tags, or a polygon of its banks, such as one with natural=water"
     )
 

@@ -87,7 +87,7 @@ class Coordinates:
         raise WorldError(
             f"position {wrong[0]} of {where} is {_pair(rows[wrong[0]])}, which is no longitude (-180 to 180) and "
             f"latitude (-90 to 90) in degrees{rest}: longitude comes first; for projected coordinates, name their "
-            "system by crs, such as EPSG:32632"
+            "system, such as by crs=EPSG:32632"
         )
 
 

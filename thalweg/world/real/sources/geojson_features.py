@@ -34,7 +34,7 @@ def _crs_of(data: Any) -> str | None:
     properties = crs.get("properties") if isinstance(crs, dict) else None
     name = properties.get("name") if isinstance(properties, dict) else None
     if not isinstance(name, str):
-        raise WorldError(f"its crs is {shortened(crs)}; expected a name such as EPSG:25832: give it by the option crs")
+        raise WorldError(f"its crs is {shortened(crs)}; expected a name: give it, such as by crs=EPSG:25832")
     return name
 
 
@@ -52,7 +52,7 @@ def _walk(value: Any, tags: Mapping[str, Any], label: str | None, coordinates: C
     elif kind == "Feature":
         own = tags_of(value.get("properties"))
         if value.get("geometry") is None:
-            found.others["Feature without geometry"] += 1
+            found.others["empty Feature"] += 1
         else:
             _walk(value["geometry"], own, _label(value, own) or label, coordinates, found)
     elif kind in ("LineString", "MultiLineString", "Polygon", "MultiPolygon"):

@@ -9,9 +9,13 @@ A row of any_river.csv is appended as each cell is flown: a student's flights of
 a row is skipped, and training resumes in the folder `--runs`. `fixed` is the river of the level with `--episodes`
 starts; `unseen` as many rivers that nobody trains on, with one start each; `varied` the same under varied looks, suns,
 pitches and fields of view; `real` are reaches of real rivers, with `--episodes` starts each. The teacher flies all of
-them too, but for `varied`, since it sees no looks. Violations are episodes that end in a tight or loose cost. Beside
-the table, `any_river_trainings.csv` has a row of each student that was trained here, with the minutes of its training,
-over all interruptions, and the greatest memory of the process that ended it.
+them too, but for `varied`, since it sees no looks. Violations are episodes that end in a tight or loose cost.
+
+All flights show frames of full quality. Students with masks fly as well from them as from the fast frames that they
+learn from; those of the image alone do not, and learn the last fifth of their steps from full frames, in a training of
+its own that begins with the first one. Beside the table, `any_river_trainings.csv` has a row of each training that
+ended here, with the steps of the student until then, its own minutes, over all interruptions, and the greatest memory
+of the process that ended it.
 """
 
 import argparse
@@ -21,9 +25,10 @@ import multiprocessing
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from package_flight import NAMES
@@ -60,7 +65,12 @@ LEVELS, KINDS = ("Easy", "Medium", "Hard"), ("fixed", "unseen", "varied", "real"
 SEEDS, OBSERVATIONS = (0, 1, 2), ("rgb+mask", "rgb")
 TEACHER = "teacher"
 """In place of what a policy sees: the pilot that students are taught by."""
-STEPS, WORLD_SEEDS = 1_600_000, "1000:1064"
+WORLD_SEEDS = "1000:1064"
+STEPS = {"rgb+mask": 1_600_000, "rgb": 2_000_000}
+FULL_SHARE = 5
+"""A student of the image alone learns one of so many steps, its last ones, from frames of full quality."""
+FULL: dict[str, Any] = {"quality": "full", "teacher_steps": 0, "learning_rate": 5e-4}
+"""Settings of these steps."""
 LOOKS = Randomisation(suns=1)
 """Appearances of `varied` flights; each river has one sun."""
 VERSIONS = {
@@ -134,18 +144,36 @@ def student_folder(runs: Path, cell: Cell) -> Path:
     return runs / f"{cell.policy.replace('+', '-')}-{cell.steps}-{cell.seed}-{made_with}"
 
 
+def stages(policy: str, steps: int) -> list[tuple[int, dict[str, Any]]]:
+    """Return the trainings of a student, each of which begins with the one before: their steps and settings."""
+    last = steps // FULL_SHARE if policy == "rgb" else 0
+    return [(steps - last, {})] + ([(last, FULL)] if last else [])
+
+
 def trained(runs: Path, cell: Cell, table: Path, device: str = "cpu") -> Path:
     """Return the folder of a cell's student, trained now or before; a training that ends now gets a row in a table."""
-    folder = student_folder(runs, cell)
-    if not (folder / POLICY).is_file():  # trained here or elsewhere
-        settings = {"observation": cell.policy}
-        imitation = Imitation(
-            folder, steps=cell.steps, seed=cell.seed, world_seeds=WORLD_SEEDS, settings=settings, device=device
-        )
-        # A process of its own, whose greatest memory is that of this training alone.
-        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), end_with_parent) as pool:
-            minutes, peak = pool.submit(timed, imitation).result()
-        append(table, TRAINING_COLUMNS, training_row(cell, minutes, peak))
+    folder, taken = student_folder(runs, cell), 0
+    if (folder / POLICY).is_file():  # trained here or elsewhere
+        return folder
+    before: Path | None = None
+    for steps, settings in stages(cell.policy, cell.steps):
+        taken += steps
+        at = replace(cell, steps=taken)
+        if not (student_folder(runs, at) / POLICY).is_file():
+            imitation = Imitation(
+                student_folder(runs, at),
+                steps=steps,
+                seed=cell.seed,
+                world_seeds=WORLD_SEEDS,
+                settings={"observation": cell.policy, **settings},
+                begin_with=before,
+                device=device,
+            )
+            # A process of its own, whose greatest memory is that of this training alone.
+            with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), end_with_parent) as pool:
+                minutes, peak = pool.submit(timed, imitation).result()
+            append(table, TRAINING_COLUMNS, training_row(at, minutes, peak))
+        before = student_folder(runs, at)
     return folder
 
 
@@ -237,7 +265,7 @@ def main() -> str | None:
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     parser.add_argument("--levels", nargs="+", choices=LEVELS, default=list(LEVELS))
     parser.add_argument("--episodes", type=int, default=300, help="starts, or rivers, of each cell")
-    parser.add_argument("--steps", type=int, default=STEPS, help="steps of training of each student")
+    parser.add_argument("--steps", type=int, help="steps of training of each student")
     parser.add_argument("--policy", type=Path, help="folder of a run or policy file that is flown instead")
     parser.add_argument("--jobs", type=int, default=1, help="cells that are flown at a time")
     parser.add_argument("--device", default="cpu", help="where students are trained, such as cuda")
@@ -256,7 +284,8 @@ def main() -> str | None:
     if given.policy:
         students = [(file_hash(policy_file(given.policy)), 0, 0)]
     else:
-        students = [(seen, given.steps, seed) for seen in given.observations if seen != TEACHER for seed in given.seeds]
+        seen = [each for each in given.observations if each != TEACHER]
+        students = [(each, given.steps or STEPS[each], seed) for each in seen for seed in given.seeds]
         students += [(TEACHER, 0, 0)] if TEACHER in given.observations else []
     failures = []
     for student in students:

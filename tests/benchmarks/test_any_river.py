@@ -63,6 +63,37 @@ def test_a_training_that_ends_now_gets_a_row(script: ModuleType, monkeypatch: py
     assert len(list(csv.DictReader(table.open()))) == 1
 
 
+def test_a_student_of_the_image_alone_learns_last_from_full_frames(
+    script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    learnt: list[Any] = []
+
+    class Pool:
+        def submit(self, _: Any, imitation: Any) -> Any:
+            imitation.folder.mkdir(exist_ok=True)
+            (imitation.folder / "policy.safetensors").touch()
+            learnt.append(imitation)
+            return SimpleNamespace(result=lambda: (1.0, 1.0))
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_: object) -> None: ...
+
+    monkeypatch.setattr(script, "ProcessPoolExecutor", lambda *_: Pool())
+    student, table = script.Cell("rgb", 10, 1, "unseen", "Hard", 4), tmp_path / "trainings.csv"
+    folder = script.trained(tmp_path, student, table)
+    first, last = learnt
+    assert (first.steps, first.begin_with, first.settings) == (8, None, {"observation": "rgb"})
+    assert (last.steps, last.begin_with, last.folder) == (2, first.folder, folder)
+    assert last.settings == {"observation": "rgb", **script.FULL} and last.settings["quality"] == "full"
+    assert [row["steps"] for row in csv.DictReader(table.open())] == ["8", "10"]
+    assert first.folder == script.student_folder(tmp_path, script.Cell("rgb", 8, 1, "fixed", "Easy", 4))
+    (folder / "policy.safetensors").unlink()
+    script.trained(tmp_path, student, table)
+    assert learnt[2:] == [last]  # the first training is not repeated
+
+
 def test_a_training_is_timed_with_the_memory_of_its_process(script: ModuleType):
     minutes, peak = script.timed(SimpleNamespace(run=lambda progress: SimpleNamespace(seconds=90.0)))
     assert minutes == 1.5 and 0.05 < peak < 64

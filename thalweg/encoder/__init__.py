@@ -5,13 +5,14 @@ from thalweg.encoder.encoder import (
     PACKAGED,
     Encoder,
     check_render_version,
+    encoder_names,
     fold_batch_norms,
     load_encoder,
 )
 from thalweg.encoder.files import EncoderFileError, load_vae, save_geometry, save_vae
 from thalweg.encoder.frame_size import sides
 from thalweg.encoder.geometry import GeometryConfig, GeometryNetwork
-from thalweg.encoder.plugin import EncoderPlugin, PluginEncoder, encoder_names, encoder_plugin, encoder_size
+from thalweg.encoder.plugin import EncoderPlugin, PluginEncoder, encoder_plugin, encoder_size
 from thalweg.encoder.reconstruction import draw_reconstructions, mean_image_mse, reconstruct, reconstruction_mse
 from thalweg.encoder.training import Source, TrainingResult, train_encoder
 from thalweg.encoder.vae import ARCHITECTURES, VAE, EncoderInputError, VAEConfig, kl_divergence, vae_loss

@@ -22,6 +22,7 @@ from torch import Tensor, nn
 
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import run_in_torch_threads
+from thalweg.core.plugins.lookup import names
 from thalweg.core.suggestion import did_you_mean
 from thalweg.encoder.files import EncoderFileError, encoder_file, load_model
 from thalweg.encoder.frame_size import halved, sides
@@ -32,6 +33,8 @@ from thalweg.encoder.vae import VAE, EncoderInputError
 
 DEFAULT_PATH = Path(__file__).with_name("default.safetensors")
 """The autoencoder that comes with the package, whose encoder is used by default."""
+GROUP = "thalweg.encoders"
+"""Group of the entry points of encoders."""
 PACKAGED = {
     "default": DEFAULT_PATH,
     "geometry": Path(__file__).with_name("geometry.safetensors"),
@@ -224,13 +227,16 @@ def load_encoder(
     return Encoder(model, {**about, "path": str(path)}, precision=precision, device=device)
 
 
+def encoder_names() -> list[str]:
+    """Return the names of all encoders, those of plug-ins last."""
+    return [*PACKAGED, *(name for name in names(GROUP) if name not in PACKAGED)]
+
+
 def encoder_path(given: str | Path | None) -> Path:
     """Return the path of an encoder's file, given by itself, by the folder of its run or by a name of `PACKAGED`.
 
     None is the default of the package. Raises `EncoderFileError` for what is none of these.
     """
-    from thalweg.encoder.plugin import encoder_names  # which imports this module
-
     path = DEFAULT_PATH if given is None else PACKAGED.get(str(given), Path(given))
     if not path.exists():
         known = encoder_names()

@@ -7,15 +7,13 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from thalweg.core.plugins.lookup import find, names
+from thalweg.core.plugins.lookup import find
 from thalweg.core.plugins.record import RESERVED, Plugin, PluginError, check_record
-from thalweg.encoder.encoder import PACKAGED, Encoder
+from thalweg.encoder.encoder import GROUP, PACKAGED, Encoder
 from thalweg.encoder.files import frame_size_of
 from thalweg.encoder.frame_size import checked_size, sides
 from thalweg.encoder.vae import CHANNELS, VAE, EncoderInputError
 
-GROUP = "thalweg.encoders"
-"""Group of the entry points of encoders."""
 Encode = Callable[[Tensor], Tensor]
 """Codes float32 [N, Z] of frames uint8 [N, H, W, C], on one device."""
 
@@ -103,11 +101,6 @@ class PluginEncoder(Encoder):
 def encoder_plugin(name: str) -> Plugin | None:
     """Return the plug-in of the encoder with a name; None for one of the package, or none at all."""
     return find(GROUP, name, PACKAGED)
-
-
-def encoder_names() -> list[str]:
-    """Return the names of all encoders, those of plug-ins last."""
-    return [*PACKAGED, *(name for name in names(GROUP) if name not in PACKAGED)]
 
 
 def encoder_size(name: str) -> tuple[int, int]:

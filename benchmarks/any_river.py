@@ -138,9 +138,13 @@ class Cell:
         return fly(policy, self.courses(), Label(self.policy, self.seed, self.level), config)
 
 
-def student_folder(runs: Path, cell: Cell) -> Path:
-    """Return the folder in which the student of a cell is trained, another one for everything that it depends on."""
-    made_with = hashlib.sha256(repr((WORLD_SEEDS, VERSIONS)).encode()).hexdigest()[:8]
+def student_folder(runs: Path, cell: Cell, trainings: int | None = None) -> Path:
+    """Return the folder in which the student of a cell is trained, another one for everything that it depends on.
+
+    `trainings`: how many of its `stages` it has had; None: all.
+    """
+    learnt = stages(cell.policy, cell.steps)[:trainings]
+    made_with = hashlib.sha256(repr((WORLD_SEEDS, VERSIONS, learnt)).encode()).hexdigest()[:8]
     return runs / f"{cell.policy.replace('+', '-')}-{cell.steps}-{cell.seed}-{made_with}"
 
 
@@ -152,16 +156,16 @@ def stages(policy: str, steps: int) -> list[tuple[int, dict[str, Any]]]:
 
 def trained(runs: Path, cell: Cell, table: Path, device: str = "cpu") -> Path:
     """Return the folder of a cell's student, trained now or before; a training that ends now gets a row in a table."""
-    folder, taken = student_folder(runs, cell), 0
-    if (folder / POLICY).is_file():  # trained here or elsewhere
-        return folder
+    last, taken = student_folder(runs, cell), 0
+    if (last / POLICY).is_file():  # trained here or elsewhere
+        return last
     before: Path | None = None
-    for steps, settings in stages(cell.policy, cell.steps):
+    for number, (steps, settings) in enumerate(stages(cell.policy, cell.steps), 1):
         taken += steps
-        at = replace(cell, steps=taken)
-        if not (student_folder(runs, at) / POLICY).is_file():
+        folder = student_folder(runs, cell, number)
+        if not (folder / POLICY).is_file():
             imitation = Imitation(
-                student_folder(runs, at),
+                folder,
                 steps=steps,
                 seed=cell.seed,
                 world_seeds=WORLD_SEEDS,
@@ -172,9 +176,9 @@ def trained(runs: Path, cell: Cell, table: Path, device: str = "cpu") -> Path:
             # A process of its own, whose greatest memory is that of this training alone.
             with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), end_with_parent) as pool:
                 minutes, peak = pool.submit(timed, imitation).result()
-            append(table, TRAINING_COLUMNS, training_row(at, minutes, peak))
-        before = student_folder(runs, at)
-    return folder
+            append(table, TRAINING_COLUMNS, training_row(replace(cell, steps=taken), minutes, peak))
+        before = folder
+    return last
 
 
 def timed(imitation: Imitation) -> tuple[float, float]:
@@ -265,7 +269,7 @@ def main() -> str | None:
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     parser.add_argument("--levels", nargs="+", choices=LEVELS, default=list(LEVELS))
     parser.add_argument("--episodes", type=int, default=300, help="starts, or rivers, of each cell")
-    parser.add_argument("--steps", type=int, help="steps of training of each student")
+    parser.add_argument("--steps", type=int, help=f"steps of training of each student; by default {STEPS}")
     parser.add_argument("--policy", type=Path, help="folder of a run or policy file that is flown instead")
     parser.add_argument("--jobs", type=int, default=1, help="cells that are flown at a time")
     parser.add_argument("--device", default="cpu", help="where students are trained, such as cuda")
@@ -275,6 +279,8 @@ def main() -> str | None:
     given = parser.parse_args()
     if given.episodes < 2 or given.jobs < 1:
         parser.error("--episodes must be at least 2, --jobs at least 1")
+    if given.steps is not None and given.steps < FULL_SHARE:
+        parser.error(f"--steps must be at least {FULL_SHARE}, not {given.steps}")
     rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
     if given.write:
         for (page, section), table in zip(PAGES.items(), (page_table(rows), packaged_table(rows)), strict=True):
@@ -285,7 +291,9 @@ def main() -> str | None:
         students = [(file_hash(policy_file(given.policy)), 0, 0)]
     else:
         seen = [each for each in given.observations if each != TEACHER]
-        students = [(each, given.steps or STEPS[each], seed) for each in seen for seed in given.seeds]
+        students = [
+            (each, STEPS[each] if given.steps is None else given.steps, seed) for each in seen for seed in given.seeds
+        ]
         students += [(TEACHER, 0, 0)] if TEACHER in given.observations else []
     failures = []
     for student in students:

@@ -37,7 +37,8 @@ def command_of(folder: Path, before: Path | None) -> str:
     run = yaml.safe_load((folder / "config.yaml").read_text())["run"]
     begun = run.get("begin_with", {}).get("content")
     if begun != (None if before is None else file_hash(policy_file(before))):
-        sys.exit(f"{folder} began with {begun or 'no policy'}: give the folder of just that policy as the second one")
+        wanted = "give no second folder" if begun is None else f"give the folder of that policy, not {before}"
+        sys.exit(f"{folder} began with {begun or 'no policy'}: {wanted}")
     usual = to_plain(ImitationConfig(observation=run["config"]["observation"]))
     settings = [f"{name}={value}" for name, value in run["config"].items() if value != usual[name]]
     words = (

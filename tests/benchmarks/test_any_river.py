@@ -88,7 +88,8 @@ def test_a_student_of_the_image_alone_learns_last_from_full_frames(
     assert (last.steps, last.begin_with, last.folder) == (2, first.folder, folder)
     assert last.settings == {"observation": "rgb", **script.FULL} and last.settings["quality"] == "full"
     assert [row["steps"] for row in csv.DictReader(table.open())] == ["8", "10"]
-    assert first.folder == script.student_folder(tmp_path, script.Cell("rgb", 8, 1, "fixed", "Easy", 4))
+    assert first.folder == script.student_folder(tmp_path, student, 1)
+    assert first.folder != script.student_folder(tmp_path, script.Cell("rgb", 8, 1, "fixed", "Easy", 4))
     (folder / "policy.safetensors").unlink()
     script.trained(tmp_path, student, table)
     assert learnt[2:] == [last]  # the first training is not repeated

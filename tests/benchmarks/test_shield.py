@@ -233,8 +233,8 @@ def test_the_difference_of_opposite_shares_by_hand(page: ModuleType):
     ids=["correlated", "less than the correction"],
 )
 def test_the_difference_of_published_tables(page: ModuleType, counts: tuple, value: float, low: float, high: float):
-    # The first has these ends in the tests of the R package contingencytables; the second, of airway hyper-responsiveness,
-    # in Fagerland, Lydersen and Laake, Statistics in Medicine 33, 2014.
+    # The first has these ends in the tests of the R package contingencytables; the second, of airway
+    # hyper-responsiveness, in Fagerland, Lydersen and Laake, Statistics in Medicine 33, 2014.
     found = page.paired_difference_of_shares(*counts)
     assert (found.value, found.low, found.high) == pytest.approx((value, low, high), abs=5e-5)
 

@@ -11,11 +11,11 @@ starts; `unseen` as many rivers that nobody trains on, with one start each; `var
 pitches and fields of view; `real` are reaches of real rivers, with `--episodes` starts each. The teacher flies all of
 them too, but for `varied`, since it sees no looks. Violations are episodes that end in a tight or loose cost.
 
-All flights show frames of full quality. Students with masks fly as well from them as from the fast frames that they
-learn from; those of the image alone do not, and learn the last fifth of their steps from full frames, in a training of
-its own that begins with the first one. Beside the table, `any_river_trainings.csv` has a row of each training that
-ended here, with the steps of the student until then, its own minutes, over all interruptions, and the greatest memory
-of the process that ended it.
+All flights show frames of full quality. The packaged student with masks flies as well from them as from the fast frames
+that it learned from; those of the image alone do not, and learn the last fifth of their steps from full frames, in a
+training of its own that begins with the first one. Beside the table, `any_river_trainings.csv` has a row of each
+training that ended here, with the steps of the student until then, its own minutes, over all interruptions, and the
+greatest memory of the process that ended it.
 """
 
 import argparse

@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +112,8 @@ def row_of(flights: dict[str, list[Episode]], watch: Watch) -> dict[str, str]:
         for side in SIDES
     )
     if without != shielded:
-        raise ValueError("the flights with the shield are not from the starts of those without it")
+        unequal = next(pair for pair in zip_longest(shielded, without) if pair[0] != pair[1])
+        raise ValueError("a flight with the shield starts from {}, and without it from {}".format(*unequal))
     figures = {side: figures_of(episodes) for side, episodes in flights.items()}
     row = {f"{name}_{side}": figures[side][name] for name in RESULTS for side in SIDES}
     pairs = [(a.cost > 0, b.cost > 0) for a, b in zip(flights["without"], flights["with"], strict=True)]

@@ -87,7 +87,7 @@ ARMS = (
     Arm("random", ("fixed", "unseen")),
     Arm("random", ("fixed",), ("Hard",), ("unknown_is_water=false",)),
 )
-"""What the committed table has."""
+"""What the table has once every cell is flown."""
 NAMES = tuple(dict.fromkeys(arm.policy for arm in ARMS))
 
 

@@ -4,6 +4,7 @@ import csv
 import importlib
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
@@ -43,15 +44,8 @@ def test_a_row_by_hand(script: ModuleType, cell: Any):
 
 
 def test_a_training_that_ends_now_gets_a_row(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    class Pool:
-        submit = staticmethod(lambda *_: SimpleNamespace(result=lambda: (61.25, 7.5)))
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_: object) -> None: ...
-
-    monkeypatch.setattr(script, "ProcessPoolExecutor", lambda *_: Pool())
+    pool = SimpleNamespace(submit=lambda *_: SimpleNamespace(result=lambda: (61.25, 7.5)))
+    monkeypatch.setattr(script, "ProcessPoolExecutor", lambda *_: nullcontext(pool))
     student, table = script.Cell("rgb+mask", 9, 1, "unseen", "Hard", 4), tmp_path / "trainings.csv"
     folder = script.trained(tmp_path, student, table)
     (row,) = csv.DictReader(table.open())
@@ -68,19 +62,13 @@ def test_a_student_of_the_image_alone_learns_last_from_full_frames(
 ):
     learnt: list[Any] = []
 
-    class Pool:
-        def submit(self, _: Any, imitation: Any) -> Any:
-            imitation.folder.mkdir(exist_ok=True)
-            (imitation.folder / "policy.safetensors").touch()
-            learnt.append(imitation)
-            return SimpleNamespace(result=lambda: (1.0, 1.0))
+    def submit(_: Any, imitation: Any) -> Any:
+        imitation.folder.mkdir(exist_ok=True)
+        (imitation.folder / "policy.safetensors").touch()
+        learnt.append(imitation)
+        return SimpleNamespace(result=lambda: (1.0, 1.0))
 
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_: object) -> None: ...
-
-    monkeypatch.setattr(script, "ProcessPoolExecutor", lambda *_: Pool())
+    monkeypatch.setattr(script, "ProcessPoolExecutor", lambda *_: nullcontext(SimpleNamespace(submit=submit)))
     student, table = script.Cell("rgb", 10, 1, "unseen", "Hard", 4), tmp_path / "trainings.csv"
     folder = script.trained(tmp_path, student, table)
     first, last = learnt

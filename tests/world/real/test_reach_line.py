@@ -10,9 +10,10 @@ import pytest
 from tests.world.real.geojson_files import EAST, feature, from_metres, read, written
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv, make_vector
 from thalweg.world import Reach, World, WorldError, WorldFileError
+from thalweg.world.errors import ShapeError
 from thalweg.world.real.file_river import read_centerline
 from thalweg.world.real.geodesy import local_metres
-from thalweg.world.real.reach_line import monotone_levels, smooth_line, thin_indices
+from thalweg.world.real.reach_line import MAX_SMOOTH_M, errors_naming, monotone_levels, smooth_line, thin_indices
 
 CAM = Path(__file__).resolve().parents[3] / "thalweg" / "world" / "real" / "rivers" / "cam.geojson"
 
@@ -120,6 +121,11 @@ def test_a_line_with_corners_is_built_once_it_is_smoothed(tmp_path):
         World.from_file(path, plants=False)
     world = World.from_file(path, smooth_m=12.0, plants=False)
     assert 200 < world.river.length_m < 300
+    with (
+        pytest.raises(WorldFileError, match=r"^[^;]*$"),
+        errors_naming(path, MAX_SMOOTH_M),  # there is no greater one to suggest
+    ):
+        raise ShapeError("folds")
 
 
 def test_a_world_has_the_name_of_the_file_and_another_seed_gives_other_land(tmp_path):

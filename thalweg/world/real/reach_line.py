@@ -28,7 +28,7 @@ MAX_ELEVATION_ERROR_M = 5.0
 MAX_SMOOTH_M = 200.0
 """Maximum standard deviation of the smoothing."""
 TRY_SMOOTH_M = 8.0
-"""Smoothing that errors suggest for a line that is not smoothed; twice as much as before for others."""
+"""Least smoothing in metres that errors suggest; twice that of the line if it is more, up to `MAX_SMOOTH_M`."""
 
 
 class ElevationError(WorldError):
@@ -70,7 +70,8 @@ def errors_naming(path: str | Path, smooth_m: float) -> Iterator[None]:
         yield
     except ShapeError as reason:
         try_m = min(max(TRY_SMOOTH_M, 2 * smooth_m), MAX_SMOOTH_M)
-        raise WorldFileError(f"{path}: {reason}; smoothing the line may help, for example smooth_m={try_m:g}") from None
+        hint = f"; smoothing the line may help, for example smooth_m={try_m:g}" if try_m > smooth_m else ""
+        raise WorldFileError(f"{path}: {reason}{hint}") from None
     except WorldError as reason:
         raise WorldFileError(f"{path}: {reason}") from None
 

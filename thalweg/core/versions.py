@@ -34,7 +34,7 @@ IMITATION = 4
 EVALUATION = 1
 """Starts, conditions and flights of evaluated episodes, baselines included but for the steady pilot, which is part of
 `IMITATION`."""
-SHIELD = 1
+SHIELD = 2
 """What the shield remembers of masks, which moves it vetoes, and by which it replaces them."""
 ALGORITHMS = {
     "PPO": 3,

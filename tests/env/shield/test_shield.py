@@ -68,8 +68,10 @@ def test_random_moves_never_leave_a_channel_that_was_seen():
     for _ in range(6):
         flight.step(FORWARD)
     for _ in range(400):
+        before = flight.pose
         flight.step(tuple(MOVE_OPTIONS[rng.integers(len(MOVE_OPTIONS))]))
-        assert abs(flight.pose.y) < 4.0 and 3.5 - 1.0 <= flight.pose.z <= 14.7
+        assert abs(flight.pose.y) < 4.0 and 0.8 <= flight.pose.z <= 14.7
+        assert flight.pose.z >= 3.5 or flight.pose.z > before.z or flight.pose[:2] == before[:2]
     assert {LAND, HEIGHT} <= set(flight.verdicts)
 
 
@@ -170,14 +172,26 @@ def test_land_beyond_water_holds_the_vehicle_for_good():
 
 
 def test_heights_have_a_floor_and_a_ceiling():
-    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 4.0, 0.0))
-    assert flight.step(DESCEND) == STAY and flight.verdicts == [HEIGHT]
     flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 14.5, 0.0))
     assert flight.step(CLIMB) == STAY
     assert flight.step(DESCEND) == DESCEND
     flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 1.0, 0.0))
-    assert flight.step(CLIMB) == CLIMB  # below the floor it may climb, but not descend
-    assert flight.step(DESCEND) == STAY
+    assert flight.step(CLIMB) == CLIMB
+    assert flight.step(DESCEND) == DESCEND
+    assert flight.step(DESCEND) == STAY and flight.verdicts[-1] == HEIGHT  # the rules allow no less than 0.5 m
+
+
+def test_below_the_floor_moves_across_must_climb_while_others_may_descend():
+    down, across_and_up = (2, 1, 0, 1), (0, 1, 0, 1)
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 4.0, 0.0))
+    assert flight.step(down) != down and flight.verdicts == [HEIGHT]
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 4.0, 0.0))
+    assert flight.step(DESCEND) == DESCEND and flight.step(TURN_LEFT) == TURN_LEFT
+    assert flight.step(FORWARD)[0] != 2 and flight.verdicts[-1] == HEIGHT
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 2.0, 0.0))
+    assert flight.step(FORWARD, probabilities(FORWARD, forward=4.0)) == across_and_up
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 2.0, 0.0), floor_m=0.0)
+    assert flight.step(FORWARD) == FORWARD
 
 
 def test_the_vehicle_may_not_turn_from_the_way_flown():

@@ -32,6 +32,8 @@ class Bounds(NamedTuple):
     lowest: float
     """Heights between which moves may go."""
     highest: float
+    floor: float
+    """Height below which moves that lead across must climb."""
     max_turn: float
 
 
@@ -131,12 +133,14 @@ def judge(maps, vehicles, row, bounds, limits, action):
         return LAND
     if (bounds.lowest > after.z < before.z) or (bounds.highest < after.z > before.z):
         return HEIGHT
+    across = before.x != after.x or before.y != after.y
+    if across and bounds.floor > after.z <= before.z:
+        return HEIGHT
     taut, way = way_flown(vehicles, row)
     off = abs(wrap_angle(after.yaw - way))
     if taut and off > bounds.max_turn and off > abs(wrap_angle(before.yaw - way)):
         return TURN
-    moves = before.x != after.x or before.y != after.y
-    if bounds.lookahead > 0 and moves and not flight_goes_on(maps, row, bounds, limits, after):
+    if bounds.lookahead > 0 and across and not flight_goes_on(maps, row, bounds, limits, after):
         return DEAD_END
     return PERMITTED
 

@@ -55,8 +55,9 @@ class Shield:
             int(settings.lookahead),
             int(settings.unknown_is_water),
             int(settings.patience),
-            max(float(settings.floor_m), config.min_height_m + settings.spare_m),
+            config.min_height_m + settings.spare_m,
             config.max_height_m - settings.spare_m,
+            float(settings.floor_m),
             math.radians(settings.max_turn_deg),
         )
         self.maps: WaterMaps = empty_maps(self.count)

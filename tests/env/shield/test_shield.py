@@ -13,13 +13,14 @@ from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.shield.config import ShieldConfig
 from thalweg.env.shield.moves import DEAD_END, HEIGHT, LAND, PERMITTED, TURN
 from thalweg.env.shield.shield import Shield
+from thalweg.env.shield.water_map import CELL_M
 from thalweg.env.spaces import ActionError, to_unit_actions
 from thalweg.env.task.motion import Pose, UnitAction, move
 from thalweg.render import Camera
 from thalweg.render.optics.lens import Lens
 
 STAY, FORWARD, LEFT, CLIMB, DESCEND = (1, 1, 1, 1), (1, 1, 0, 1), (1, 1, 1, 0), (0, 1, 1, 1), (2, 1, 1, 1)
-TURN_LEFT = (1, 0, 1, 1)
+TURN_LEFT, UP_FORWARD = (1, 0, 1, 1), (0, 1, 0, 1)
 LIMITS = EnvConfig().limits
 ROW = np.zeros(1, np.int64)
 
@@ -181,17 +182,43 @@ def test_heights_have_a_floor_and_a_ceiling():
     assert flight.step(DESCEND) == STAY and flight.verdicts[-1] == HEIGHT  # the rules allow no less than 0.5 m
 
 
-def test_below_the_floor_moves_across_must_climb_while_others_may_descend():
-    down, across_and_up = (2, 1, 0, 1), (0, 1, 0, 1)
-    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 4.0, 0.0))
-    assert flight.step(down) != down and flight.verdicts == [HEIGHT]
-    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 4.0, 0.0))
+def low(z: float, **settings: Any) -> Flight:
+    return Flight(Channel(straight(4.0)), (0.0, 0.0, z, 0.0), **settings)
+
+
+def test_below_the_floor_moves_across_climb_and_only_others_descend():
+    flight = low(4.0)
     assert flight.step(DESCEND) == DESCEND and flight.step(TURN_LEFT) == TURN_LEFT
-    assert flight.step(FORWARD)[0] != 2 and flight.verdicts[-1] == HEIGHT
-    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 2.0, 0.0))
-    assert flight.step(FORWARD, probabilities(FORWARD, forward=4.0)) == across_and_up
-    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 2.0, 0.0), floor_m=0.0)
-    assert flight.step(FORWARD) == FORWARD
+    assert flight.step(FORWARD) == UP_FORWARD and flight.verdicts[-1] == HEIGHT
+    assert low(4.0).step((2, 0, 0, 2)) == (1, 0, 0, 2)  # which stays above the floor
+    assert low(2.0, floor_m=0.0).step(FORWARD) == FORWARD
+
+
+def test_what_is_vetoed_for_its_height_goes_on_forward_whatever_the_policy_thinks_of_climbing():
+    flight = low(1.0)
+    for _ in range(3):
+        assert flight.step(FORWARD, probabilities(FORWARD, forward=0.1)) == UP_FORWARD
+    assert flight.shield.vehicles.held[0] == 0
+
+
+def test_nothing_descends_under_the_floor_beside_what_may_be_a_bridge():
+    assert low(4.0).step(DESCEND) == DESCEND
+    for metres, made in ((0.9, STAY), (1.5, DESCEND)):
+        flight = low(4.0)
+        cell = int(metres / CELL_M)
+        flight.shield.maps.veiled[0, cell - 1 : cell + 2, :] = 1
+        assert flight.step(DESCEND) == made, metres
+
+
+@pytest.mark.parametrize(("task", "made"), [("River", STAY), ("Swimmers", FORWARD)])
+def test_the_dead_third_option_forward_has_the_effect_of_the_second(task: str, made: tuple[int, ...]):
+    flight = Flight(Channel(straight(4.0)), (0.0, 3.5, 5.0, 0.0))
+    flight.shield.config = EnvConfig(task=task)
+    for _ in range(6):
+        flight.step(FORWARD)
+    log_probs = probabilities(LEFT, forward=0.0)
+    log_probs[0, 2] = np.log([0.3, 0.2, 0.5])
+    assert flight.step((1, 1, 2, 0), log_probs) == made and flight.verdicts[-1] == LAND
 
 
 def test_the_vehicle_may_not_turn_from_the_way_flown():

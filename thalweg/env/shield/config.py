@@ -22,8 +22,9 @@ class ShieldConfig:
     """Vetoed moves forward in a row after which only land that was seen beyond water counts: what was never seen so may
     be a bridge."""
     floor_m: FiniteNonNegative = 3.5
-    """Height above the water below which a move forward or aside must climb. Straight down a vehicle may descend further,
-    to look below the trees of a bank. Bridges of the levels are up to 3.2 m high, body included."""
+    """Height above the water below which a move forward or aside must climb. Straight down a vehicle may descend
+    further, to look below the trees of a bank, unless it may be over a bridge. Those of the levels are up to 3.2 m
+    high, body included."""
     spare_m: FiniteNonNegative = 0.3
     """Distance kept from the task's own limits of the height: the water level may change along a move."""
     max_turn_deg: Annotated[float, Field(gt=0, le=180)] = 80.0

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from thalweg.core.compute.jit import kernel
-from thalweg.env.shield.water_map import GUESS, odds_at
+from thalweg.env.shield.water_map import GUESS, odds_at, was_veiled
 from thalweg.env.task.motion import Pose, UnitAction, move, wrap_angle
 
 PERMITTED, LAND, DEAD_END, HEIGHT, TURN = range(5)
@@ -18,7 +18,9 @@ ROPE_M = 3.0
 """The way flown is the direction of a rope of this length that the vehicle tows."""
 SIGNS = (0.0, 1.0, -1.0)
 ROUND = 8
-"""Points of the circle of the margin."""
+"""Points of a circle of the margin, or about a descent."""
+DECK_M = 1.0
+"""Distance from what something raised hid, below which no vehicle descends under the floor: it may be over a bridge."""
 
 
 class Bounds(NamedTuple):
@@ -116,6 +118,18 @@ def flight_goes_on(maps, row, bounds, limits, pose):
 
 
 @kernel(fastmath=False, allocates=False)
+def may_be_over_bridge(maps, row, pose):
+    """Return whether something raised hid a cell that is at a `Pose`, or `DECK_M` from it."""
+    if was_veiled(maps, row, pose.x, pose.y):
+        return True
+    for k in range(ROUND):
+        angle = 2.0 * math.pi * k / ROUND
+        if was_veiled(maps, row, pose.x + DECK_M * math.cos(angle), pose.y + DECK_M * math.sin(angle)):
+            return True
+    return False
+
+
+@kernel(fastmath=False, allocates=False)
 def way_flown(vehicles, row):
     """Return whether the towed rope is taut, and its direction in radians."""
     dx = vehicles.pose[row, 0] - vehicles.tail[row, 0]
@@ -134,8 +148,11 @@ def judge(maps, vehicles, row, bounds, limits, action):
     if (bounds.lowest > after.z < before.z) or (bounds.highest < after.z > before.z):
         return HEIGHT
     across = before.x != after.x or before.y != after.y
-    if across and bounds.floor > after.z <= before.z:
-        return HEIGHT
+    if bounds.floor > after.z:
+        if across and after.z <= before.z:
+            return HEIGHT
+        if after.z < before.z and may_be_over_bridge(maps, row, after):
+            return HEIGHT
     taut, way = way_flown(vehicles, row)
     off = abs(wrap_angle(after.yaw - way))
     if taut and off > bounds.max_turn and off > abs(wrap_angle(before.yaw - way)):
@@ -155,11 +172,12 @@ def change_of(vehicles, row, limits, action, other):
 
 
 @kernel(fastmath=False, allocates=False)
-def advance(vehicles, row, limits, proposed, action):
-    """Move vehicle `row` by a `UnitAction` in place of the proposed one, and the rope with it."""
+def advance(vehicles, row, limits, proposed, verdict, action):
+    """Move vehicle `row` by a `UnitAction` in place of the proposed one, on which the verdict was passed, and the rope
+    with it."""
     if action.forward > 0.0:
         vehicles.held[row] = 0
-    elif proposed.forward > 0.0:
+    elif proposed.forward > 0.0 and verdict != HEIGHT:
         vehicles.held[row] += 1
     before = Pose(vehicles.pose[row, 0], vehicles.pose[row, 1], vehicles.pose[row, 2], vehicles.pose[row, 3])
     after = move(before, action, limits)

@@ -13,10 +13,10 @@ from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, integer_at_least
 from thalweg.env.moves import MOVE_OPTIONS, MOVES
 from thalweg.env.shield.config import ShieldConfig
-from thalweg.env.shield.moves import PERMITTED, Bounds, Vehicles, advance, change_of, judge
+from thalweg.env.shield.moves import HEIGHT, PERMITTED, Bounds, Vehicles, advance, change_of, judge
 from thalweg.env.shield.sight import Optics, look
 from thalweg.env.shield.water_map import WaterMaps, empty_maps, enter_own_place, follow, forget
-from thalweg.env.spaces import to_unit_actions
+from thalweg.env.spaces import FORWARD, to_unit_actions
 from thalweg.env.task.motion import Pose, UnitAction
 from thalweg.render.records.appearance import HALF_H, HALF_W, PITCH, look_rows, look_values
 
@@ -88,9 +88,10 @@ class Shield:
     ) -> Screened:
         """Return the moves that the vehicles `rows` [K] make in place of their proposed `actions` [K, 4].
 
-        A permitted move is kept. A vetoed one is replaced by the permitted one that is most probable under `log_probs`
-        [K, 4, 3], the policy's logarithmic probability of each option of each branch, or for None by the one that
-        changes the move least. The vehicles' odometry follows the moves.
+        A permitted move is kept. One that is vetoed for its height is kept but for its vertical option, if that is
+        permitted. Any other is replaced by the permitted one that is most probable under `log_probs` [K, 4, 3], the
+        policy's logarithmic probability of each option of each branch, or for None by the one that changes the move
+        least. The vehicles' odometry follows the moves.
 
         Args:
             rows: Vehicles that fly; each is in a call once.
@@ -110,7 +111,7 @@ class Shield:
         proposed = to_unit_actions("multidiscrete", actions, count)
         worths = np.zeros((count, len(MOVES_FLOAT64)))
         if log_probs is not None:
-            worths[:] = np.asarray(log_probs)[:, np.arange(MOVE_OPTIONS.shape[1]), MOVE_OPTIONS].sum(-1)
+            worths[:] = self._of_effects(log_probs)[:, np.arange(MOVE_OPTIONS.shape[1]), MOVE_OPTIONS].sum(-1)
         made, verdicts = np.empty((count, 4)), np.empty(count, np.int64)
         _screen_all(
             (self.maps, self.vehicles, self.optics),
@@ -126,6 +127,14 @@ class Shield:
         # What is not vetoed stays as it was proposed, backward moves included.
         kept = (verdicts == PERMITTED)[:, None]
         return Screened(np.where(kept, actions, (1 - made).astype(np.int64)), verdicts)
+
+    def _of_effects(self, log_probs: np.ndarray) -> np.ndarray:
+        """Return logarithmic probabilities [K, 4, 3] in which, where the third option forward is dead, the second one,
+        which does the same, has the probability of both."""
+        found = np.array(log_probs, np.float64)
+        if not (self.config.allow_backward or self.config.task_record.fast_step_m):
+            found[:, FORWARD, 1] = np.logaddexp(found[:, FORWARD, 1], found[:, FORWARD, 2])
+        return found
 
 
 @kernel(fastmath=False, allocates=False)
@@ -146,8 +155,14 @@ def _screen_all(vehicle, rows, masks, scratch, heights, limits, moves, proposed,
         action = wanted
         if verdicts[k] != PERMITTED:
             action = _substitute(maps, vehicles, row, bounds, task, moves, k, wanted)
+        if verdicts[k] == HEIGHT:
+            # What is wrong with it is its height alone.
+            for up in (1.0, 0.0):
+                other = UnitAction(up, wanted.turn, wanted.forward, wanted.left)
+                if up > wanted.up and judge(maps, vehicles, row, bounds, task, other) == PERMITTED:
+                    action = other
         made[k, 0], made[k, 1], made[k, 2], made[k, 3] = action
-        advance(vehicles, row, task, wanted, action)
+        advance(vehicles, row, task, wanted, verdicts[k], action)
 
 
 @kernel(fastmath=False, allocates=False)

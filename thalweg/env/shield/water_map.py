@@ -67,6 +67,18 @@ def odds_at(maps, row, x, y):
 
 
 @kernel(fastmath=False, allocates=False)
+def was_veiled(maps, row, x, y):
+    """Return whether something raised hid the cell that holds a point of vehicle `row`; False outside its window."""
+    i = cell_of(x)
+    j = cell_of(y)
+    u = i - maps.corner[row, 0]
+    v = j - maps.corner[row, 1]
+    if u < 0 or v < 0 or u >= SIZE or v >= SIZE:
+        return False
+    return maps.veiled[row, i & (SIZE - 1), j & (SIZE - 1)] != 0
+
+
+@kernel(fastmath=False, allocates=False)
 def enter(maps, row, i, j, seen):
     """Enter what is seen of a cell of the window."""
     u, v = i & (SIZE - 1), j & (SIZE - 1)

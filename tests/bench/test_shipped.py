@@ -57,6 +57,15 @@ def test_the_policies_of_the_package_name_the_command_that_made_them_and_their_s
     assert about["command"].startswith("thalweg imitate ") and set(about["scores"]) == {"Easy", "Medium", "Hard"}
 
 
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="not in a clone")
+def test_of_results_what_is_large_is_not_committed_of_earlier_stages_either():
+    runs = [f"benchmarks/protocols/runs/FOCOPS-curriculum-0{stage}" for stage in ("", "/.before/0", "/.before/1")]
+    large = [f"{run}/{name}" for run in runs for name in ("checkpoints/1/state.json", "tensorboard/events")]
+    kept = [f"{run}/{name}" for run in runs for name in ("config.yaml", "episodes.csv", "policy.safetensors")]
+    asked = subprocess.run(["git", "check-ignore", *large, *kept], cwd=ROOT, capture_output=True, text=True)
+    assert asked.stdout.split() == large
+
+
 def suite(folder: Path, die_at: int) -> int:
     """Do the tiny suite in a process of its own; returns its exit status."""
     command = [sys.executable, "-m", "tests.bench.river_suite", str(folder), str(die_at)]

@@ -93,6 +93,34 @@ def test_the_page_says_which_policies_see_no_frames(tiny_results: Path):
     assert " eye see images (rgb) instead of codes of frames." in page and said not in page
 
 
+@pytest.mark.parametrize(
+    ("arms", "sentence"),
+    [
+        ([{}], "2 training runs of 400 steps on Medium (2 seeds)."),
+        ([{}, {"name": "one", "seeds": [0], "steps": 9}], "of 9 or 400 steps on Medium (1 or 2 seeds)."),
+        (
+            [
+                {"level": "Hard"},
+                {
+                    "name": "in-turn",
+                    "steps": 150,
+                    "level": "Hard",
+                    "before": [{"steps": 100, "level": "Easy"}, {"steps": 150, "level": "Medium"}],
+                },
+                {"name": "after", "steps": 300, "before": [{"steps": 100, "level": "Medium"}]},
+            ],
+            "of 400 steps on Hard, on Easy then Medium then Hard, or on Medium (2 seeds).",
+        ),
+    ],
+)
+def test_the_page_counts_the_steps_of_all_stages_and_names_their_levels(
+    tiny_results: Path, arms: list[dict], sentence: str
+):
+    usual = {"name": "PPO", "algorithm": "PPO", "seeds": [0, 1], "steps": 400}
+    with_suite(tiny_results, arms=[usual | arm for arm in arms])
+    assert sentence in write_report(tiny_results).page.read_text()
+
+
 def test_the_page_says_whose_critics_saw_more_in_training(tiny_results: Path):
     page = write_report(tiny_results).page.read_text()
     assert "In training, the critics of all policies also saw the privileged state and progress." in page

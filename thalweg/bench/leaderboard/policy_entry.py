@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Any
 
-from thalweg.bench.leaderboard.requirements import Flights, missing_of_arm, training_steps
+from thalweg.bench.leaderboard.requirements import Flights, missing_of_arm
 from thalweg.bench.results.results import Results
-from thalweg.bench.suite.record import encoder_of, observation_of
+from thalweg.bench.suite.record import encoder_of, observation_of, training_steps
 from thalweg.train.observations import FRAMES, PRIVILEGED
 
 

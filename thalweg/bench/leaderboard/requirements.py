@@ -10,7 +10,7 @@ from thalweg.bench.results.curve import CURVE, EPISODES
 from thalweg.bench.results.inference import MIN_SEEDS, score_matrix
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.record import has_forces, task_of
+from thalweg.bench.suite.record import has_forces, task_of, training_steps
 from thalweg.env.tasks import PAPER_TASK, TASKS
 from thalweg.world import LEVELS
 
@@ -54,11 +54,6 @@ Flights = dict[str, list[Episode]]
 def counted(rows: Sequence[Episode]) -> dict[tuple[str, str], list[Episode]]:
     """Return the episodes of each policy and level from the starts that count."""
     return group_episodes([row for row in rows if row.episode < EVALUATION.episodes])
-
-
-def training_steps(arm: dict[str, Any]) -> int:
-    """Return the training steps of each seed, all stages together."""
-    return sum(stage["steps"] for stage in (*arm.get("before", ()), arm))
 
 
 def missing_of_arm(results: Results, arm: dict[str, Any], usual: Flights, unseen: Flights) -> list[str]:

@@ -4,7 +4,7 @@ Only the values that are read are checked; another version may have written more
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
 from typing import Any
@@ -126,6 +126,32 @@ def arms_of(record: Mapping[str, Any]) -> list[dict[str, Any]]:
         return list(record["arms"])
     common = {"seeds": record.get("seeds", []), "steps": record.get("steps", 0)}
     return [{"name": name, "algorithm": name, **common} for name in record.get("algorithms", [])]
+
+
+def training_steps(arm: Mapping[str, Any]) -> int:
+    """Return the training steps of each seed of an arm in a suite's record, all stages together."""
+    return sum(stage["steps"] for stage in (*arm.get("before", ()), arm))
+
+
+def training_in_words(record: Mapping[str, Any]) -> str:
+    """Return for how many steps, all stages together, and on what the arms of a suite's record are trained: `200,000
+    steps on Medium`, with all that there are."""
+    arms = arms_of(record)
+    steps = [f"{count:,}" for count in sorted({training_steps(arm) for arm in arms})]
+    grounds = dict.fromkeys(_grounds_in_turn(record, arm) for arm in arms)
+    return f"{_one_of(steps)} steps on {_one_of([*grounds], ' on')}"
+
+
+def _grounds_in_turn(record: Mapping[str, Any], arm: Mapping[str, Any]) -> str:
+    """Return the levels or real rivers of the stages of an arm of a suite's record, in their order."""
+    grounds = [stage.get("level") or record.get("train_level", "") for stage in (*arm.get("before", ()), arm)]
+    return " then ".join(name for index, name in enumerate(grounds) if not index or grounds[index - 1] != name)
+
+
+def _one_of(parts: Sequence[str], before: str = "") -> str:
+    """Return parts as alternatives, with words before each but the first."""
+    *most, last = parts
+    return f"{f',{before} '.join(most)}{',' * (len(most) > 1)} or{before} {last}" if most else last
 
 
 def stages_of(arm: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any], str]]:

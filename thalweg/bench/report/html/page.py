@@ -21,7 +21,7 @@ from thalweg.bench.report.ranking import ranking
 from thalweg.bench.report.sections import FigureSection, FilmSection, Section, TableSection
 from thalweg.bench.report.table import Table, is_published, numeric_columns
 from thalweg.bench.results.results import Results
-from thalweg.bench.suite.record import arms_of, rules_in_words, task_of
+from thalweg.bench.suite.record import arms_of, rules_in_words, task_of, training_in_words, training_steps
 from thalweg.env.tasks import PAPER_TASK
 from thalweg.train.observations import FRAMES, PRIVILEGED
 
@@ -96,14 +96,12 @@ def _introduction(results: Results) -> str:
     trained = [row for row in results.runs if row.kind == "train"]
     sentences = [f"{len(results.episodes):,} evaluated episodes on {', '.join(results.levels)}."]
     if trained and arms:
-        steps = sorted({arm["steps"] for arm in arms})
-        seeds = max(len(arm["seeds"]) for arm in arms)
-        levels = dict.fromkeys(arm.get("level") or results.suite["train_level"] for arm in arms)
+        seeds = sorted({len(arm["seeds"]) for arm in arms})
         sentences.append(
-            f"{len(trained)} training runs of {' or '.join(f'{count:,}' for count in steps)} steps on"
-            f" {' or '.join(levels)} ({seeds} seed{'s' * (seeds > 1)})."
+            f"{len(trained)} training runs of {training_in_words(results.suite)} ({' or '.join(map(str, seeds))}"
+            f" seed{'s' * (seeds[-1] > 1)})."
         )
-        if steps[-1] < PAPER_STEPS:
+        if max(map(training_steps, arms)) < PAPER_STEPS:
             sentences.append(
                 f"This is far fewer than the paper's {PAPER_STEPS:,} steps: it shows that everything runs, not which"
                 " policy is better."

@@ -381,7 +381,7 @@ def test_the_suites_are_found_by_name_and_an_unknown_one_lists_them():
     assert suite_named("Quick") is SUITES["quick"]
     arms = SUITES["paper"].arms
     published = ("PPO-paper", "FOCOPS-paper", "TD3Lag-paper", "SafeLOOP-paper")
-    assert [arm.label for arm in arms] == [*STUDIED, "CPO", "CUP", *published]
+    assert [arm.label for arm in arms] == ["PPO", "PPO-symmetric", *STUDIED[1:], "CPO", "CUP", *published]
     assert {(arm.steps, arm.seeds) for arm in arms} == {(200_000, (0, 1, 2))}
     with pytest.raises(
         ResultsError, match=r"unknown suite 'papr' .did you mean 'paper'.*; known: quick, easy, open, protocols, paper"

@@ -12,10 +12,12 @@ from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import CONDITIONS, Condition
 from thalweg.bench.suite.arms import Arm, Run, Stage
-from thalweg.bench.suite.builtin import SUITES, load_suite
+from thalweg.bench.suite.builtin import SUITES, SYMMETRIC, load_suite
 from thalweg.bench.suite.config import Suite
+from thalweg.bench.suite.record import training_steps
 from thalweg.cli.main import main
-from thalweg.train.run import too_short
+from thalweg.core.config import to_plain
+from thalweg.train.run import has_asymmetric_critics, too_short
 
 ROOT = Path(__file__).resolve().parents[3]
 MINE = """
@@ -89,7 +91,7 @@ ON_POLICY = ("PPO", "PPOLag", "FOCOPS", "P3O", "OnCRPO", "CPO", "CUP")
 
 def test_the_suite_of_geometry_trains_what_the_paper_does_on_its_codes():
     suite = SUITES["geometry"]
-    study = [arm.label for arm in SUITES["paper"].arms if arm.preset == "default"]
+    study = [arm.label for arm in SUITES["paper"].arms if arm.label == arm.algorithm]
     assert [arm.label for arm in suite.arms] == study
     assert {arm.label: arm.seeds for arm in suite.arms} == {
         name: (0, 1, 2) if name in ON_POLICY else (0,) for name in study
@@ -116,6 +118,40 @@ def test_open_choices_have_three_seeds_and_steps_by_the_kind_of_their_algorithm(
     assert {(arm.algorithm, arm.steps) for arm in arms} == {
         ("FOCOPS", 200_000), *((name, 100_000) for name in ("DDPGLag", "SACLag", "SafeLOOP", "CCEPETS")),
     }  # fmt: skip
+
+
+def config_of(stage: Arm | Stage) -> Any:
+    return ALGORITHMS[stage.algorithm].configure(dict(stage.settings), stage.preset, 16)
+
+
+def test_critics_of_the_reference_without_a_limit_see_what_those_of_algorithms_with_one_do():
+    told = {arm.label for arm in SUITES["paper"].arms if has_asymmetric_critics(config_of(arm))}
+    assert told == {"PPO"}
+    reference = SUITES["paper"].arm(SYMMETRIC)
+    assert to_plain(config_of(reference)) == to_plain(config_of(Arm("PPO"))) | {"asymmetric_critics": False}
+    assert (reference.seeds, reference.steps) == ((0, 1, 2), 200_000)
+    stages = [stage for arm in SUITES["protocols"].arms for stage in (*arm.before, arm)]
+    assert not [stage for stage in stages if has_asymmetric_critics(config_of(stage))]
+
+
+def test_protocols_have_the_same_number_of_steps_and_widen_the_limit_at_the_beginning_alone():
+    arms = SUITES["protocols"].as_data()["arms"]
+    assert [training_steps(arm) for arm in arms] == [200_000] * 4
+    for arm in SUITES["protocols"].arms:
+        first, *later = (*arm.before, arm)
+        assert [config_of(stage).cost_limit_schedule for stage in later] == [()] * len(later)
+        assert first.settings.keys() <= {"asymmetric_critics"}
+
+
+def test_the_page_on_the_benchmark_counts_the_runs_of_the_complete_study():
+    """The table of expected minutes has a column of runs for each suite."""
+    page = (ROOT / "docs" / "bench.md").read_text().partition("| arms | training |")[2]
+    rows = [[cell.strip(" `") for cell in line.strip("|").split("|")] for line in page.splitlines()]
+    header, rows = [name.removeprefix("runs of `") for name in rows[0]], rows[2 : rows.index([""])]
+    assert header[-4:] == ["paper", "geometry", "open", "protocols"]
+    for column, suite in enumerate(header[-4:], start=-4):
+        trained = [run for run in SUITES[suite].runs() if run.kind == "train"]
+        assert sum(int(row[column] or 0) for row in rows[:-1]) == len(trained), suite
 
 
 def test_an_arm_may_see_something_else_than_its_suite(tmp_path: Path):

@@ -31,6 +31,12 @@ AS_PUBLISHED = ("PPO", "FOCOPS", "TD3Lag", "SafeLOOP")
 """Algorithms that the study also trains with the preset `paper`: two on-policy ones, and of the off-policy ones and of
 the planners the one that takes the least time with it."""
 
+SYMMETRIC = "PPO-symmetric"
+"""PPO whose critics see what the policy sees, as those of the algorithms with a limit do."""
+_SEEN_BY_THE_POLICY = {"asymmetric_critics": False}
+_FINAL_LIMIT = {"cost_limit_schedule": []}
+"""Settings of a stage that begins with a policy: a wider limit is for beginners, which cannot meet the final one."""
+
 
 def _learns_on_policy(algorithm: str) -> bool:
     """Return whether an algorithm learns from its newest steps alone."""
@@ -73,17 +79,29 @@ _PROTOCOLS = (
     Arm("FOCOPS", level="Hard", name="FOCOPS-Hard"),
     Arm(
         "FOCOPS",
+        settings=_FINAL_LIMIT,
         level="Hard",
         steps=80_000,
-        before=(Stage("FOCOPS", "Easy", 60_000), Stage("FOCOPS", "Medium", 60_000)),
+        before=(Stage("FOCOPS", "Easy", 60_000), Stage("FOCOPS", "Medium", 60_000, settings=_FINAL_LIMIT)),
         name="FOCOPS-curriculum",
     ),
-    Arm("FOCOPS", steps=100_000, before=(Stage("PPO", "Medium", 100_000),), name="FOCOPS-after-PPO"),
+    Arm(
+        "FOCOPS",
+        settings=_FINAL_LIMIT,
+        steps=100_000,
+        before=(Stage("PPO", "Medium", 100_000, settings=_SEEN_BY_THE_POLICY),),
+        name="FOCOPS-after-PPO",
+    ),
     Arm("FOCOPS"),
 )
 """Ways of training with the same number of steps each."""
 
-_PAPER = (*map(Arm, STUDIED), *map(Arm, BESIDE), *(Arm(name, "paper") for name in AS_PUBLISHED))
+_PAPER = (
+    Arm("PPO"),
+    Arm("PPO", settings=_SEEN_BY_THE_POLICY, name=SYMMETRIC),
+    *map(Arm, (*STUDIED[1:], *BESIDE)),
+    *(Arm(name, "paper") for name in AS_PUBLISHED),
+)
 """The paper's comparison, and what the study trains beside it."""
 _GEOMETRY = tuple(Arm(name, seeds=(0, 1, 2) if _learns_on_policy(name) else (0,)) for name in (*STUDIED, *BESIDE))
 """The same algorithms on other codes; those that learn from a replay or a model have one seed."""

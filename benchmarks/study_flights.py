@@ -7,8 +7,8 @@ import numpy as np
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.report.policies import train_level
-from thalweg.bench.results.comparison import matched_scores, mean_difference
-from thalweg.bench.results.inference import Estimate, Proportion, mean_estimate, t_interval, wilson_interval
+from thalweg.bench.results.comparison import matched_scores, mean_difference, unpaired_difference
+from thalweg.bench.results.inference import Estimate, Proportion, mean_estimate, score_matrix, wilson_interval
 from thalweg.bench.results.reading import versions_today
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
@@ -61,14 +61,31 @@ def share(count: int, number: int) -> Proportion:
 
 
 def by_seed_change(after: Episodes, before: Episodes) -> Estimate:
-    """Return the change of the mean return of seeds, with an interval over them."""
-    seeds = sorted({row.seed for row in after} & {row.seed for row in before})
-    later, earlier = (
-        np.array([np.mean([row.return_ for row in rows if row.seed == seed]) for seed in seeds])
-        for rows in (after, before)
-    )
-    changes = later - earlier
-    return t_interval(float(changes.mean()), changes)
+    """Return the change of the mean return of seeds between other starts, with an interval over them and over the
+    starts of both; without one where a seed did not fly every start."""
+    seeds = {row.seed for row in after} & {row.seed for row in before}
+    both = [[row for row in rows if row.seed in seeds] for rows in (after, before)]
+    try:
+        return unpaired_difference(*(score_matrix(rows) for rows in both), "return_")
+    except ValueError:
+        later, earlier = (float(np.mean([row.return_ for row in rows])) for rows in both)
+        return Estimate(later - earlier)
+
+
+def of_same_versions(one: Results, other: Results) -> bool:
+    """Return whether the trained runs of two results were made with the same versions, as far as both depend on them:
+    codes of an encoder depend on its version alone, so that two encoders may be compared."""
+    first, second = (_versions_of_runs(each) for each in (one, other))
+    return bool(first) == bool(second) and all(first[name] == second[name] for name in first.keys() & second.keys())
+
+
+def _versions_of_runs(results: Results) -> dict[str, set[int | None]]:
+    """Return the versions with which the trained runs of results were made, by what they are of."""
+    found: dict[str, set[int | None]] = {}
+    for run in (run for arm in arms_of(results.suite) for run in results.runs_of(arm["name"])):
+        for name, version in results.versions.get(run, {}).items():
+            found.setdefault(name, set()).add(version)
+    return found
 
 
 def earlier_versions(results: Results) -> list[str]:

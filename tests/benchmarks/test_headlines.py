@@ -157,3 +157,15 @@ def test_a_picture_has_a_point_for_each_value_and_a_line_for_each_interval(scrip
     assert ends == [1, 1, 1, 2, 2, 2]  # three points, two intervals, the line
     assert [label.get_text() for label in axis.get_yticklabels()] == ["one", "two"]
     assert Image.open(io.BytesIO(pictures.drawn(found))).size[0] == 900
+def test_a_loss_on_unseen_rivers_is_no_more_certain_than_the_rivers_are_many(script: ModuleType):
+    """Seeds that agree: 8 on the one river, and 0 or 8 on four others: 4 less, ± 3.182 * √(16 * 4 / 3 / 4)."""
+    rows = [row for row in study().episodes if row.algorithm == "PPO"][:2]
+    home = [replace(rows[0], seed=seed, episode=k, return_=8.0) for seed in range(3) for k in range(4)]
+    away = [replace(row, world_seed=100_000 + row.episode, return_=8.0 * (row.episode % 2)) for row in home]
+    change = script.by_seed_change(away, home)
+    assert (change.value, change.low) == (-4.0, -10.0)
+    assert round(change.high, 2) == round(-4.0 + 3.18245 * (16 * 4 / 3 / 4) ** 0.5, 2)
+    lacking = script.by_seed_change(away[:-1], home)
+    assert str(lacking) == f"{8 * 5 / 11 - 8:.2f}"  # without an interval
+
+

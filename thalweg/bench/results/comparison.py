@@ -58,16 +58,34 @@ def paired_difference(after: np.ndarray, before: np.ndarray, field: str) -> Esti
     return _widen_to_starts(t_interval(float(per_seed.mean()), per_seed), after, before, field)
 
 
+def unpaired_difference(after: np.ndarray, before: np.ndarray, field: str) -> Estimate:
+    """Return the mean change of a field of the same M policies between other starts, `after` [L, M] and `before`
+    [K, M], paired by policy alone.
+
+    Both lists of starts were drawn, so that the interval is at least as wide as Welch's over starts. Raises
+    `ValueError` for other numbers of policies.
+    """
+    if after.shape[1] != before.shape[1]:
+        raise ValueError(f"episodes {after.shape} and {before.shape} are not of the same policies")
+    per_seed = after.mean(0) - before.mean(0)
+    over_starts = _welch_interval(np.subtract.outer(after.mean(1), before.mean(1)))
+    return _widen_to(over_starts, t_interval(float(per_seed.mean()), per_seed), after, before, field)
+
+
 def _widen_to_starts(estimate: Estimate, first: np.ndarray, second: np.ndarray, field: str) -> Estimate:
-    """Return the estimate of a difference with an interval at least as wide as that over starts, since seeds that
+    """Return the estimate of a difference with an interval at least as wide as that over the same starts."""
+    per_start = first.mean(1) - second.mean(1)
+    return _widen_to(t_interval(estimate.value, per_start), estimate, first, second, field)
+
+
+def _widen_to(over_starts: Estimate, estimate: Estimate, first: np.ndarray, second: np.ndarray, field: str) -> Estimate:
+    """Return the estimate of a difference with an interval at least as wide as that `over_starts`, since seeds that
     agree are no evidence of certainty.
 
     Where the starts agree too, or are too few, the interval is at least as wide as the two independent means imply
     (MOVER: Zou and Donner 2008, "Construction of confidence limits about effect measures").
     """
-    per_start = first.mean(1) - second.mean(1)
-    over_starts = t_interval(estimate.value, per_start)
-    if np.isnan(over_starts.low) or np.ptp(per_start) <= TOLERANCE:
+    if np.isnan(over_starts.low) or over_starts.high - over_starts.low <= TOLERANCE:
         one, other = independent_mean(first, field), independent_mean(second, field)
         below = np.hypot(one.value - one.low, other.high - other.value)
         above = np.hypot(one.high - one.value, other.value - other.low)

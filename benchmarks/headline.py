@@ -1,6 +1,6 @@
-"""The record of a finding, and the words of its parts."""
+"""The record of a finding."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from findings import STUDY
@@ -26,8 +26,3 @@ class Headline:
     """A value that is marked in the picture."""
     folders: tuple[str, ...] = (STUDY.name,)
     """Folders of the results that it follows from."""
-
-
-def listed(parts: Sequence[str]) -> str:
-    """Return parts as an enumeration."""
-    return " and ".join([", ".join(parts[:-1]), parts[-1]]) if len(parts) > 1 else "".join(parts)

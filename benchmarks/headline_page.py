@@ -13,13 +13,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from findings import results_of
-from headline import Headline, listed
+from headline import Headline
 from headline_pictures import drawn
 from headlines import HERE, STUDY, headlines
 from page_sections import replace_section, wrap
-from study_flights import algorithms, earlier_versions, flown
+from study_flights import algorithms, earlier_versions, flown, listed, reference
 
-from thalweg.bench.report.policies import evaluated_seeds, limit_met, train_level
+from thalweg.bench.report.policies import CRITICS_SEE, evaluated_seeds, limit_met, train_level
 from thalweg.bench.report.table import frame, markdown
 from thalweg.bench.results.inference import mean_estimate
 from thalweg.bench.results.results import Results
@@ -68,12 +68,17 @@ def _are(numbers: Sequence[str]) -> str:
 def readme_section(found: Sequence[Headline], results: Results) -> str:
     """Return the table of the study on the training level, the picture of the first finding, and its versions."""
     level, rows = train_level(results), []
-    for name in algorithms(results):
+    names, base = algorithms(results), reference(results)
+    if base not in names and flown(results, base):
+        names.insert(1, base)
+    for name in names:
         own = flown(results, name)
         cost = mean_estimate(own, "cost")
         returns = str(mean_estimate(own, "return_"))
-        rows.append([name, evaluated_seeds(results, name, own), returns, str(cost), limit_met(cost)])
-    table = markdown(frame(["algorithm", "seeds", f"return on {level}", "cost", "limit of 0.1 met"], rows))
+        seen = results.critics_see(name)
+        rows.append([name, evaluated_seeds(results, name, own), returns, str(cost), limit_met(cost), seen])
+    columns = ["algorithm", "seeds", f"return on {level}", "cost", "limit of 0.1 met", CRITICS_SEE]
+    table = markdown(frame(columns, rows))
     picture = _picture(found[0], "docs/images/findings")
     earlier = earlier_versions(results)
     note = f"These results are of earlier versions: {', '.join(earlier)}." if earlier else ""

@@ -1,4 +1,4 @@
-"""The five findings at the top of `docs/findings.md`: each a sentence, its numbers with intervals, and a picture.
+"""The findings at the top of `docs/findings.md`: each a sentence, its numbers with intervals, and a picture.
 
 All of them follow from the results in this folder alone, so that they change with what is there. One whose results are
 not there yet is left out, and the next takes its place. Which numbers a sentence holds does not depend on how they turn
@@ -11,17 +11,21 @@ from pathlib import Path
 
 import numpy as np
 from findings import STUDY, results_of
-from headline import Headline, listed
+from headline import Headline
 from scipy import stats
 from study_flights import (
     FLIES,
     PLANNER_FLIES,
     algorithms,
     by_seed_change,
+    critics_in_words,
     difference,
     flown,
     is_whole,
     least_return,
+    listed,
+    of_same_versions,
+    reference,
     returned,
     share,
 )
@@ -39,10 +43,8 @@ from thalweg.bench.suite.builtin import STUDIED
 
 HERE = Path(__file__).resolve().parent
 GEOMETRY = HERE / "geometry"
-SHOWN = 5
-"""Findings at the top of the page."""
-BASE = "PPO"
-"""The algorithm without a limit."""
+SHOWN = 6
+"""Findings at the top of the page, at most."""
 
 
 def who_flies(results: Results) -> Headline:
@@ -62,6 +64,8 @@ def who_flies(results: Results) -> Headline:
         some, none = [name for name in fewer if name in names], [name for name in fewer if name not in names]
         sentence += f" Fewer than three seeds: {listed(some)}." if some else ""
         sentence += f" Not flown yet: {listed(none)}." if none else ""
+    if len({results.critics_see(name) for name in names}) > 1:
+        sentence += f" {critics_in_words(results, names)}"
     series = {
         "here": tuple(found[name] for name in names),
         "paper (another simulator)": tuple(Estimate(theirs[name]) if name in theirs else None for name in names),
@@ -102,53 +106,66 @@ def settings(results: Results) -> Headline | None:
 
 def eye(results: Results, other: Results | None) -> Headline | None:
     """Return what codes of geometry change, and how alike the orders of the algorithms are; None where they were not
-    flown."""
-    names = [] if other is None else [name for name in algorithms(results) if flown(other, name)]
-    if other is None or not names:
+    flown, or with other versions, whose rivers and starts are others."""
+    if other is None or not of_same_versions(results, other):
         return None
+    names = [name for name in algorithms(results) if flown(other, name)]
+    if not names:
+        return None
+    whole = [name for name in names if is_whole(results, name) and is_whole(other, name)]
     series: dict[str, tuple[Estimate | None, ...]] = {
         words: tuple(returned(each, name) for name in names)
         for words, each in (("codes of the autoencoder", results), ("codes of geometry", other))
     }
-    values = [[each.value for each in found if each is not None] for found in series.values()]
-    changes = [
-        f"{name} {difference(flown(other, name), flown(results, name))}"
-        for name in names
-        if is_whole(results, name) and is_whole(other, name)
-    ]
+    changes = [f"{name} {difference(flown(other, name), flown(results, name))}" for name in whole]
     sentence = (
         f"On codes of geometry in place of the autoencoder's, the return on {train_level(results)} is greater by:"
         f" {listed(changes) or 'no algorithm has three seeds of both'}."
     )
-    if len(names) > 2:
-        alike = np.corrcoef([stats.rankdata(each) for each in values])[0, 1]
-        sentence += f" The rank correlation of both orders of {len(names)} algorithms is {alike:.2f}."
+    if len(whole) > 2:
+        values = [[mean_estimate(flown(each, name), "return_").value for name in whole] for each in (results, other)]
+        alike = stats.spearmanr(*values).statistic
+        orders = f"both orders of these {len(whole)} algorithms"
+        sentence += f" The rank correlation of {orders} is {alike:.2f} (no interval)."
+    if fewer := [name for name in names if name not in whole]:
+        sentence += f" Fewer than three seeds of both: {listed(fewer)}."
     return Headline(
         "eye", "The eye and the algorithm", sentence, tuple(names), series, f"mean return on {train_level(results)}",
         folders=(STUDY.name, GEOMETRY.name),
     )  # fmt: skip
 
 
-def limit(results: Results) -> Headline:
-    """Return whether the cost limit of the paper's task is met, and whether it lowers the cost."""
+def limit(results: Results) -> Headline | None:
+    """Return whether the cost limit of the paper's task is met, and whether it lowers the cost; None where neither an
+    algorithm with a limit nor the policy without one has all seeds."""
+    base = reference(results)
     names = [name for name in algorithms(results) if name not in LIMITLESS and is_whole(results, name)]
-    costs = {name: mean_estimate(flown(results, name), "cost") for name in (BASE, *names)}
+    labels = tuple(name for name in (base, *names) if is_whole(results, name))
+    if not labels:
+        return None
+    costs = {name: mean_estimate(flown(results, name), "cost") for name in labels}
     met = [name for name in names if limit_met(costs[name]) == "yes"]
     above = [name for name in names if limit_met(costs[name]) == "no"]
-    base = flown(results, BASE)
-    lower = [name for name in names if difference(flown(results, name), base, "cost").high < 0]
-    less = f"significantly less costs {listed(lower)}" if lower else "none of them costs significantly less"
     sentence = (
         f"On {train_level(results)}, of the {len(names)} algorithms that have the cost limit of {COST_LIMIT:g} and"
         f" three seeds, {listed(met) or 'none'} certainly meet it (with the whole confidence interval), and"
-        f" {listed(above) or 'none'} certainly exceed it."
-        f" {BASE}, which has no limit, costs {costs[BASE]}; {less}."
+        f" {listed(above) or 'none'} certainly exceed it. {_cost_without_limit(results, base, names)}"
+        f" {critics_in_words(results, labels)}"
     )
-    labels = (BASE, *names)
-    series = {"cost": tuple(costs[name] for name in labels)}
+    series = {"cost": tuple(costs.values())}
     return Headline(
         "limit", "The limit of the paper's task", sentence, labels, series, "mean cost of an episode", line=COST_LIMIT
     )
+
+
+def _cost_without_limit(results: Results, base: str, names: Sequence[str]) -> str:
+    """Return a sentence on which policies with a limit cost less than the one without."""
+    if not is_whole(results, base):
+        return f"{base}, which has no limit, does not have three seeds, so that costs are not compared with its own."
+    cost = flown(results, base)
+    lower = [name for name in names if difference(flown(results, name), cost, "cost").high < 0]
+    less = f"significantly less costs {listed(lower)}" if lower else "none of them costs significantly less"
+    return f"{base}, which has no limit, costs {mean_estimate(cost, 'cost')}; {less}."
 
 
 def price(folder: Path = HERE) -> Headline | None:

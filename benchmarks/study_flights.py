@@ -12,12 +12,15 @@ from thalweg.bench.results.inference import Estimate, Proportion, mean_estimate,
 from thalweg.bench.results.reading import versions_today
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.builtin import STUDIED
+from thalweg.bench.suite.builtin import STUDIED, SYMMETRIC
 from thalweg.bench.suite.record import arms_of
+from thalweg.train.observations import SEEN_BY_CRITICS
 
 FLIES, PLANNER_FLIES = 8.0, 6.0
 """Mean return on the training level from which an algorithm counts as flying, and a planner."""
 PLANNERS = ("SafeLOOP", "CCEPETS")
+WITHOUT_LIMIT = "PPO"
+"""The algorithm of the study without a limit."""
 
 Episodes = Sequence[Episode]
 
@@ -31,6 +34,31 @@ def flown(results: Results, policy: str, condition: str = "") -> Episodes:
 def algorithms(results: Results) -> list[str]:
     """Return the algorithms that were flown with their default settings, those of the paper first."""
     return [name for name in dict.fromkeys((*STUDIED, *ALGORITHMS)) if flown(results, name)]
+
+
+def reference(results: Results) -> str:
+    """Return the policy without a limit that those with one are compared with: PPO whose critics see what theirs do.
+
+    Where PPO's critics see more by default, it is that of the suite's arm in which they do not.
+    """
+    return WITHOUT_LIMIT if results.critics_see(WITHOUT_LIMIT) == SEEN_BY_CRITICS[False] else SYMMETRIC
+
+
+def critics_in_words(results: Results, policies: Sequence[str]) -> str:
+    """Return a sentence on what the critics of some policies saw in training."""
+    saw: dict[str, list[str]] = {}
+    for name in policies:
+        saw.setdefault(results.critics_see(name), []).append(name)
+    (usual, _), *others = sorted(saw.items(), key=lambda each: -len(each[1]))
+    if not others:
+        return f"In training, critics saw {usual}."
+    told = [f"those of {listed(names)} saw {seen}" for seen, names in others]
+    return f"In training, critics saw {usual}, but {listed(told)}."
+
+
+def listed(parts: Sequence[str]) -> str:
+    """Return parts as an enumeration."""
+    return " and ".join([", ".join(parts[:-1]), parts[-1]]) if len(parts) > 1 else "".join(parts)
 
 
 def is_whole(results: Results, policy: str) -> bool:

@@ -16,6 +16,7 @@ from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.results.inference import Estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.suite.arms import Arm
+from thalweg.bench.suite.builtin import SUITES, SYMMETRIC
 from thalweg.bench.suite.config import Suite
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
@@ -23,7 +24,10 @@ SCRIPTS = (
     *("headline", "study_flights", "headlines", "headline_pictures", "headline_page", "findings"),
     *("task_findings", "task_facts", "task_findings_picture", "task_outcomes"),
 )
-ARMS = (Arm("PPO"), Arm("PPOLag"), Arm("FOCOPS"), Arm("CCEPETS"), Arm("PPO", "paper"))
+PRICED = ("swimmers", "racingline", "portage")
+ARMS = (
+    Arm("PPO"), SUITES["paper"].arm(SYMMETRIC), Arm("PPOLag"), Arm("FOCOPS"), Arm("CCEPETS"), Arm("PPO", "paper"),
+)  # fmt: skip
 SUITE = Suite(
     "study",
     ARMS,
@@ -32,7 +36,7 @@ SUITE = Suite(
     packaged=False,
     conditions=(Condition("unseen", unseen=True), Condition("all_at_once", levels=("Medium",), varied=("haze",))),
 )
-RETURNS = {"PPO": 6.5, "PPOLag": 5.0, "FOCOPS": 1.0, "CCEPETS": 4.0, "PPO-paper": 2.5}
+RETURNS = {"PPO": 6.5, "PPO-symmetric": 6.0, "PPOLag": 5.0, "FOCOPS": 1.0, "CCEPETS": 4.0, "PPO-paper": 2.5}
 """Of the first start of the first seed: the mean of three seeds and two starts is 2 more."""
 
 
@@ -59,7 +63,9 @@ def test_those_fly_that_return_8_and_planners_that_return_6(script: ModuleType):
     assert found.sentence.startswith("Of the 4 algorithms flown, 2 return at least 8 of 10 on Medium (planners need 6)")
     assert "and CCEPETS 6.00" in found.sentence and "PPOLag" not in found.sentence.partition("In the paper")[0]
     assert "none of 10 did; the most was 6.30 (FOCOPS)." in found.sentence
-    assert found.sentence.endswith("Not flown yet: P3O, OnCRPO, DDPGLag, TD3Lag, SACLag and SafeLOOP.")
+    assert "Not flown yet: P3O, OnCRPO, DDPGLag, TD3Lag, SACLag and SafeLOOP. In training" in found.sentence
+    told = "critics saw what the policy sees, but those of PPO saw the privileged state and progress too."
+    assert found.sentence.endswith(f"In training, {told}")
     few = script.who_flies(study(seeds=2)).sentence
     assert "Fewer than three seeds: PPO, PPOLag, FOCOPS and CCEPETS. Not flown yet: P3O," in few
     here, theirs = found.series.values()
@@ -80,25 +86,79 @@ def test_the_eye_is_left_out_until_it_has_been_flown(script: ModuleType):
     other = study(change=1.0)
     found = script.eye(study(), other)
     assert found.labels == ("PPO", "PPOLag", "FOCOPS", "CCEPETS")
-    assert (
-        "PPO 1.00 [" in found.sentence and "rank correlation of both orders of 4 algorithms is 1.00" in found.sentence
-    )
+    assert "PPO 1.00 [" in found.sentence and "orders of these 4 algorithms is 1.00 (no interval)." in found.sentence
     one = replace(other, episodes=[row for row in other.episodes if row.seed == 0])
     assert "no algorithm has three seeds of both" in script.eye(study(), one).sentence
 
 
-def test_the_limit_is_judged_by_whole_intervals(script: ModuleType):
-    found = script.limit(study(costs={"PPO": 1.0, "PPOLag": 0.0}))
+def test_orders_are_compared_of_algorithms_with_every_seed_of_both_alone(script: ModuleType):
+    """CCEPETS, the third by three seeds, would be the last by one."""
+    other = [row for row in study(change=1.0).episodes if row.algorithm != "CCEPETS" or not row.seed]
+    other = [replace(row, return_=-9.0) if row.algorithm == "CCEPETS" else row for row in other]
+    found = script.eye(study(), replace(study(), episodes=other))
     assert found.labels == ("PPO", "PPOLag", "FOCOPS", "CCEPETS")
+    told = "orders of these 3 algorithms is 1.00 (no interval). Fewer than three seeds of both: CCEPETS."
+    assert found.sentence.endswith(told) and "CCEPETS -" not in found.sentence
+
+
+def test_eyes_are_not_compared_on_other_rivers(script: ModuleType):
+    """Folders of other versions have other starts, which would be an error."""
+    made = {run.name: {"world": 1, "encoder": 1, run.algorithm: 3} for run in SUITE.runs()}
+    before = replace(study(), versions=made)
+    moved = [replace(row, x=row.x + 1.0) for row in study().episodes]
+    later = {run: of | {"world": 2} for run, of in made.items()}
+    assert script.eye(before, replace(study(), episodes=moved, versions=later)) is None
+    assert script.eye(before, replace(study(), episodes=moved)) is None  # no versions are recorded
+    other_encoder = {run: of | {"encoder": 2} for run, of in made.items()}
+    part = other_encoder | {"PPO-2": later["PPO-2"]}
+    assert script.eye(before, replace(study(), versions=part)) is None
+    geometry = {run: {name: each for name, each in of.items() if name != "encoder"} for run, of in made.items()}
+    assert script.eye(before, replace(study(), versions=geometry | {"new-0": {"geometry": 2}})) is not None
+
+
+def test_the_limit_is_judged_by_whole_intervals(script: ModuleType):
+    found = script.limit(study(costs={"PPO-symmetric": 1.0, "PPOLag": 0.0}))
+    assert found.labels == ("PPO-symmetric", "PPOLag", "FOCOPS", "CCEPETS")
     assert [round(each.value, 9) for each in found.series["cost"]] == [0.5, 0.0, 0.2, 0.2]
     assert "of the 3 algorithms that have the cost limit of 0.1 and three seeds, none certainly" in found.sentence
     assert "and none certainly exceed it." in found.sentence
     sure = replace(study(), episodes=[replace(row, cost=0.5) for row in study().episodes])
-    told = "and PPOLag, FOCOPS and CCEPETS certainly exceed it. PPO, which has no limit, costs 0.50"
+    told = "and PPOLag, FOCOPS and CCEPETS certainly exceed it. PPO-symmetric, which has no limit, costs 0.50"
     assert told in script.limit(sure).sentence
-    assert script.limit(sure).sentence.endswith("; none of them costs significantly less.")
-    few = study(seeds=2)
-    assert script.limit(few).labels == ("PPO",)  # without an interval nothing is sure
+    told = "; none of them costs significantly less. In training, critics saw what the policy sees."
+    assert script.limit(sure).sentence.endswith(told)
+
+
+def test_costs_are_compared_with_those_of_ppo_whose_critics_see_what_the_others_do(script: ModuleType):
+    """PPO, whose critics see more, costs nothing here, and so would hide that PPOLag costs less."""
+    cheap = {"PPO": 0.0, "PPO-symmetric": 1.0, "PPOLag": 0.0}
+    rows = [replace(row, cost=cheap.get(row.algorithm, 1.0)) for row in study().episodes]
+    found = script.limit(replace(study(), episodes=rows))
+    assert "PPO-symmetric, which has no limit, costs 1.00 [" in found.sentence
+    assert "; significantly less costs PPOLag. In training" in found.sentence
+    older = {run.name: {run.algorithm: 1} for run in SUITE.runs()}  # versions in which critics saw no more
+    assert script.limit(replace(study(), versions=older)).labels == ("PPO", "PPOLag", "FOCOPS", "CCEPETS")
+
+
+def test_without_every_seed_of_the_policy_without_a_limit_no_costs_are_compared(script: ModuleType):
+    assert script.limit(study(seeds=2)) is None
+    one = [row for row in study().episodes if row.algorithm != "PPO-symmetric" or not row.seed]
+    for rows in (one, [row for row in one if row.algorithm != "PPO-symmetric"]):
+        found = script.limit(replace(study(), episodes=rows))
+        assert found.labels == ("PPOLag", "FOCOPS", "CCEPETS")
+        assert "PPO-symmetric, which has no limit, does not have three seeds, so that" in found.sentence
+        assert "significantly" not in found.sentence
+
+
+def test_the_readme_says_what_critics_saw_and_has_ppo_twice_where_they_saw_more(script: ModuleType):
+    text = importlib.import_module("headline_page").readme_section([script.who_flies(study())], study())
+    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    assert rows[0][-1] == "critics see"
+    assert {row[0]: row[-1] for row in rows[2:]} == {
+        "PPO": "the privileged state and progress too",
+        **dict.fromkeys(("PPO-symmetric", "PPOLag", "FOCOPS", "CCEPETS"), "what the policy sees"),
+    }
+    assert [row[0] for row in rows[2:4]] == ["PPO", "PPO-symmetric"]
 
 
 def test_losses_are_paired_by_start_or_by_seed(script: ModuleType):
@@ -109,6 +169,18 @@ def test_losses_are_paired_by_start_or_by_seed(script: ModuleType):
     assert "by: PPO -2.00 [" in looks and "CCEPETS -2.00 [" in looks  # 2 less from every start
     change = script.by_seed_change(study().condition_episodes["unseen"][:6], study().episodes[:6])
     assert (change.value, round(change.high - change.value, 2)) == (-2.0, 2.48)
+
+
+def test_a_loss_on_unseen_rivers_is_no_more_certain_than_the_rivers_are_many(script: ModuleType):
+    """Seeds that agree: 8 on the one river, and 0 or 8 on four others: 4 less, ± 3.182 * √(16 * 4 / 3 / 4)."""
+    rows = [row for row in study().episodes if row.algorithm == "PPO"][:2]
+    home = [replace(rows[0], seed=seed, episode=k, return_=8.0) for seed in range(3) for k in range(4)]
+    away = [replace(row, world_seed=100_000 + row.episode, return_=8.0 * (row.episode % 2)) for row in home]
+    change = script.by_seed_change(away, home)
+    assert (change.value, change.low) == (-4.0, -10.0)
+    assert round(change.high, 2) == round(-4.0 + 3.18245 * (16 * 4 / 3 / 4) ** 0.5, 2)
+    lacking = script.by_seed_change(away[:-1], home)
+    assert str(lacking) == f"{8 * 5 / 11 - 8:.2f}"  # without an interval
 
 
 def test_what_has_not_been_run_gives_no_finding(script: ModuleType, tmp_path: Path):
@@ -126,9 +198,14 @@ def test_versions_of_every_arm_are_compared_with_those_of_today(script: ModuleTy
     assert flights_of.earlier_versions(replace(study(), versions=older)) == [told]
 
 
-def test_there_are_five_findings_with_what_the_repository_has_today(script: ModuleType):
-    assert len(script.headlines()) == script.SHOWN
-    assert len({each.name for each in script.headlines()}) == script.SHOWN
+NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six")
+
+
+def test_the_page_counts_the_findings_that_the_repository_has_today(script: ModuleType):
+    found = script.headlines()
+    assert len({each.name for each in found}) == len(found) <= script.SHOWN
+    page = importlib.import_module("headline_page").PAGE.read_text()
+    assert page.startswith(f"# What the benchmark shows\n\n{NUMBERS[len(found)]} findings, each computed ")
 
 
 def test_the_pages_are_what_the_results_have(script: ModuleType):
@@ -138,13 +215,44 @@ def test_the_pages_are_what_the_results_have(script: ModuleType):
     assert {path.stem for path in pictures.glob("*.png")} == {each.name for each in script.headlines()}
 
 
-def test_the_findings_take_two_screens_at_most(script: ModuleType):
-    """A screen is 1200 pixels high, and its column 900 wide, with 24 for a line of text."""
+SCREEN = 1200
+"""Height of a screen in pixels. A column is 900 wide, and a line of text 24 high."""
+
+
+def height(text: str, pictures: list[int]) -> int:
+    """Height in pixels of a text with pictures of these heights."""
+    return sum(24 for line in text.splitlines() if line and not line.startswith("![")) + sum(pictures)
+
+
+def test_each_finding_takes_half_a_screen(script: ModuleType):
     page = importlib.import_module("headline_page")
     text = page.PAGE.read_text().partition("## The results")[0]
-    lines = sum(24 for line in text.splitlines() if line and not line.startswith("!["))
-    pictures = sum(Image.open(page.PICTURES / f"{each.name}.png").height for each in script.headlines())
-    assert lines + pictures < 2400
+    pictures = [Image.open(page.PICTURES / f"{each.name}.png").height for each in script.headlines()]
+    assert height(text, pictures) < len(pictures) * SCREEN / 2
+
+
+def test_each_finding_of_the_whole_study_would_take_half_a_screen(
+    script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """All arms of the suites, all of which fly."""
+    page, pictures = importlib.import_module("headline_page"), importlib.import_module("headline_pictures")
+    made: dict[str, Results] = {}
+    for name in ("paper", "geometry"):
+        arms = SUITES[name].arms
+        rows = [row for k, arm in enumerate(arms) for row in flights(arm.label, len(arm.seeds), 6.5 + 0.01 * k, 0.4)]
+        away = [replace(row, world_seed=100_000 + row.episode) for row in rows]
+        conditions = {"unseen": away, "all_at_once": rows}
+        made[name] = Results(Path(), SUITES[name].as_data(), [], rows, [], [], condition_episodes=conditions)
+    for name in PRICED:
+        (tmp_path / name).symlink_to(BENCHMARKS / name)
+    (tmp_path / "geometry").mkdir()
+    monkeypatch.setattr(script, "results_of", lambda folder: made[folder.name])
+    read = page.results_of
+    monkeypatch.setattr(page, "results_of", lambda folder: made.get(folder.name) or read(folder))
+    every = script.headlines(tmp_path)
+    assert len(every) == script.SHOWN
+    drawn = [Image.open(io.BytesIO(pictures.drawn(each))).height for each in every]
+    assert height(page.findings_section(every), drawn) < len(every) * SCREEN / 2
 
 
 def test_a_picture_has_a_point_for_each_value_and_a_line_for_each_interval(script: ModuleType):
@@ -157,15 +265,3 @@ def test_a_picture_has_a_point_for_each_value_and_a_line_for_each_interval(scrip
     assert ends == [1, 1, 1, 2, 2, 2]  # three points, two intervals, the line
     assert [label.get_text() for label in axis.get_yticklabels()] == ["one", "two"]
     assert Image.open(io.BytesIO(pictures.drawn(found))).size[0] == 900
-def test_a_loss_on_unseen_rivers_is_no_more_certain_than_the_rivers_are_many(script: ModuleType):
-    """Seeds that agree: 8 on the one river, and 0 or 8 on four others: 4 less, ± 3.182 * √(16 * 4 / 3 / 4)."""
-    rows = [row for row in study().episodes if row.algorithm == "PPO"][:2]
-    home = [replace(rows[0], seed=seed, episode=k, return_=8.0) for seed in range(3) for k in range(4)]
-    away = [replace(row, world_seed=100_000 + row.episode, return_=8.0 * (row.episode % 2)) for row in home]
-    change = script.by_seed_change(away, home)
-    assert (change.value, change.low) == (-4.0, -10.0)
-    assert round(change.high, 2) == round(-4.0 + 3.18245 * (16 * 4 / 3 / 4) ** 0.5, 2)
-    lacking = script.by_seed_change(away[:-1], home)
-    assert str(lacking) == f"{8 * 5 / 11 - 8:.2f}"  # without an interval
-
-

@@ -1,18 +1,23 @@
 """The tables of `docs/findings.md`, computed from the committed results; `write_figures.py` writes them there."""
 
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import yaml
+from page_sections import wrap
+from study_flights import critics_in_words, earlier_versions, reference
 
 from thalweg.bench.csv_files import ResultsError, read_csv
 from thalweg.bench.evaluate.episodes import Episode
+from thalweg.bench.packaged import PACKAGED
 from thalweg.bench.report.comparison_tables import limit_table, pairwise_table
 from thalweg.bench.report.policies import (
     COST_LIMIT,
+    CRITICS_SEE,
     evaluated_seeds,
     limit_met,
     seeds_text,
@@ -26,13 +31,15 @@ from thalweg.bench.results.inference import FIELD_RANGES, Estimate, clip, mean_e
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import TrainingLog, group_episodes, regret
+from thalweg.bench.studies.encoder_study import current_versions
 from thalweg.bench.studies.encoder_tables import CASE, READ, SIZE_COLUMNS, table
-from thalweg.bench.suite.record import arms_of
+from thalweg.bench.suite.record import arms_of, training_in_words
+from thalweg.core.versions import PACKAGED_POLICY
 
 HERE = Path(__file__).resolve().parent
 STUDY, OPEN, ENCODERS = HERE / "paper", HERE / "open", HERE / "encoders"
-BASE = "PPO"
-"""The policy that others are compared with in pairs."""
+WHAT = {"paper": "the paper's algorithms", "open": "the choices that the paper left open"}
+"""What was trained, by folder."""
 NOT_EVALUATED, BLIND = "not flown yet", "no camera"
 CONDITIONS = {"sampled": "", "deterministic": "deterministic", "unseen rivers": "unseen", "every look": "all_at_once"}
 """Columns of the table of conditions, and the conditions' names in the results."""
@@ -53,6 +60,40 @@ PAIR = ("first", "second", "paper")
 """Columns of entropy.csv that do not depend on the smoothing."""
 
 
+def results_of_the_page() -> str:
+    """Return what was trained and flown for the page, with which versions, and what critics saw."""
+    every = {folder.name: results_of(folder) for folder in (STUDY, OPEN)}
+    items = [
+        f"- [`benchmarks/{name}`](../benchmarks/{name}): {WHAT[name]}, trained for {training_in_words(each.suite)}."
+        f" Each policy is flown from the same {each.suite['episodes']} starts of each level with sampled actions."
+        for name, each in every.items()
+    ]
+    older = {name: earlier_versions(each) for name, each in every.items()} | {"encoders": _versions_of_encoders()}
+    sentences = [
+        f"`{name}` is of **earlier versions**: {', '.join(found)}." if found else f"`{name}` is of today's versions."
+        for name, found in older.items()
+    ]
+    critics = {critics_in_words(each, trained_policies(each)): name for name, each in every.items()}
+    told = [words if len(critics) == 1 else f"`{name}`: {words}" for words, name in critics.items()]
+    lines = [wrap(item, "  ").rstrip() for item in items]
+    return "\n".join([*lines, "", wrap(" ".join(sentences)), wrap(" ".join([*_packaged(every[STUDY.name]), *told]))])
+
+
+def _versions_of_encoders() -> list[str]:
+    """Return the versions of the encoder study that differ from those of today, with these in brackets."""
+    recorded, today = json.loads((ENCODERS / "study.json").read_text(encoding="utf-8"))["versions"], current_versions()
+    return [f"{name} {made} (today {today.get(name)})" for name, made in recorded.items() if made != today.get(name)]
+
+
+def _packaged(results: Results) -> Iterator[str]:
+    """Yield a sentence on which version of the packaged policy was flown, if any was."""
+    if (flown := results.versions.get(f"{PACKAGED}-0", {}).get(PACKAGED)) is not None:
+        yield (
+            f"`packaged` is version {flown} of [the policy that comes with Thalweg](packaged-policy.md), and today's is"
+            f" version {PACKAGED_POLICY} ([what they are](bench.md#how-policies-are-evaluated))."
+        )
+
+
 def returns_and_costs() -> str:
     """Return the paper's table: every policy on every level, published figures below ours."""
     return markdown(paper_table(results_of(STUDY)).text)
@@ -64,10 +105,14 @@ def limits() -> str:
     return markdown(text.drop(columns=["minutes", "steps a second"]))
 
 
-def pairs_with_ppo() -> str:
-    """Return the comparison of each other policy with `BASE`, start by start."""
-    text = pairwise_table(results_of(STUDY)).text
-    return markdown(text.loc[text["policy"] == BASE])
+def pairs_without_limit() -> str:
+    """Return the comparison of the policy without a limit with each other one, start by start."""
+    results = results_of(STUDY)
+    base, text = reference(results), pairwise_table(results).text
+    own = text.loc[(text["policy"] == base) | (text["against"] == base)]
+    pairs = zip(own["policy"], own["against"], strict=True)
+    seen = [" / ".join({results.critics_see(name): None for name in pair}) for pair in pairs]
+    return markdown(own.assign(**{CRITICS_SEE: seen}))
 
 
 def pairs_of_open_choices() -> str:

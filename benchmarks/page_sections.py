@@ -6,9 +6,9 @@ WIDTH = 120
 """Characters in a line of the pages."""
 
 
-def wrap(text: str) -> str:
-    """Return sentences wrapped as the pages are."""
-    return textwrap.fill(text, WIDTH, break_long_words=False, break_on_hyphens=False) + "\n"
+def wrap(text: str, indent: str = "") -> str:
+    """Return sentences wrapped as the pages are, with `indent` before each line but the first."""
+    return textwrap.fill(text, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False) + "\n"
 
 
 def beside(load: str) -> str:

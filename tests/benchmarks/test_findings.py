@@ -9,9 +9,14 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+from tests.bench.report.small_results import flights
 from tests.bench.versioned import record_current_versions
 from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import TrainingLog
+from thalweg.bench.suite.arms import Arm
+from thalweg.bench.suite.builtin import SUITES
+from thalweg.bench.suite.config import Suite
 
 
 def log(costs: list[float], steps: list[int], last_step: int = 400) -> TrainingLog:
@@ -77,6 +82,44 @@ def test_open_choices_have_a_row_for_each_evaluated_variant(
     monkeypatch.setattr(findings, "OPEN", tiny_results)
     header, row = cells(findings.open_choices())
     assert header[:3] == ["policy", "seeds", "return"] and row[:2] == ["PPO", "1 of 2"]
+
+
+def test_the_page_says_what_its_results_were_made_with(
+    findings: ModuleType, tiny_results: Path, monkeypatch: pytest.MonkeyPatch
+):
+    for name in ("STUDY", "OPEN"):
+        monkeypatch.setattr(findings, name, tiny_results)
+    monkeypatch.setattr(findings, "WHAT", {tiny_results.name: "two algorithms"})
+    told = " ".join(findings.results_of_the_page().split())
+    assert "(../benchmarks/results): two algorithms, trained for 400 steps on Medium. Each policy is flown" in told
+    assert "`results` is of today's versions. `encoders` is of **earlier versions**: world 1 (today" in told
+    assert told.endswith("In training, critics saw the privileged state and progress too.")
+    path = tiny_results / "versions.json"
+    made = json.loads(path.read_text())
+    older = {run: of | {"world": 1} for run, of in made.items()} | {"packaged-0": {"packaged": 1}}
+    older = {run: {name: each for name, each in of.items() if name != "privileged"} for run, of in older.items()}
+    path.write_text(json.dumps(older))
+    findings.results_of.cache_clear()
+    told = " ".join(findings.results_of_the_page().split())
+    assert "`results` is of **earlier versions**: world 1 (today" in told
+    assert "`packaged` is version 1 of [the policy that comes with Thalweg](packaged-policy.md), and today's is" in told
+    assert told.endswith("In training, critics saw what the policy sees.")
+
+
+def test_pairs_with_the_policy_without_a_limit_stand_on_either_side_and_name_what_critics_saw(
+    findings: ModuleType, monkeypatch: pytest.MonkeyPatch
+):
+    rows = [row for name in ("PPO", "PPO-symmetric", "FOCOPS") for row in flights(name, 3, 3.0, 0.4)]
+    arms = (Arm("PPO"), SUITES["paper"].arm("PPO-symmetric"), Arm("FOCOPS"))
+    made = Results(Path(), Suite("made", arms, test_levels=("Medium",)).as_data(), [], rows, [], [])
+    monkeypatch.setattr(findings, "results_of", lambda _: made)
+    header, *found = cells(findings.pairs_without_limit())
+    assert header[-1] == "critics see"
+    assert [row[:2] for row in found] == [["PPO", "PPO-symmetric"], ["PPO-symmetric", "FOCOPS"]]
+    assert [row[-1] for row in found] == [
+        "the privileged state and progress too / what the policy sees",
+        "what the policy sees",
+    ]
 
 
 def test_each_variant_is_compared_with_the_default_of_its_algorithm(

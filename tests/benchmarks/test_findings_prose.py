@@ -11,15 +11,19 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_ind
 
+from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.report.comparison_tables import return_change
-from thalweg.bench.report.policies import limit_met
+from thalweg.bench.report.policies import limit_met, trained_policies
 from thalweg.bench.results.comparison import matched_scores, mean_difference, probability_of_improvement
 from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
+from thalweg.bench.suite.record import training_in_words
+from thalweg.core import versions
+from thalweg.train.observations import SEEN_BY_CRITICS
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 FLYING = ("PPO", "PPOLag", "FOCOPS", "P3O")
@@ -48,6 +52,30 @@ def difference(results: Results, ours: str, theirs: str, field: str, level: str 
 
 def is_certain(found: Estimate) -> bool:
     return not np.isnan(found.low) and found.low * found.high > 0
+
+
+def test_the_page_speaks_of_results_of_earlier_versions(study: Results, ways: Results):
+    """The paragraph on settings that have changed since then, and what docs/bench.md says of these folders."""
+    easy = read_results(BENCHMARKS / "easy", as_recorded=True)
+    for results in (study, ways, easy):
+        made = {name for of in results.versions.values() for name in ALGORITHMS if name in of}
+        assert max(of[name] for of in results.versions.values() for name in made & of.keys()) == (results is not easy)
+        assert all(versions.ALGORITHMS[name] > 1 for name in made)
+    not_run = [name for name in ("geometry", "protocols") if not (BENCHMARKS / name).exists()]
+    assert not_run == ["geometry", "protocols"]
+
+
+def test_critics_of_all_policies_that_are_compared_saw_the_same(study: Results, ways: Results):
+    """Where PPO's critics saw more, the page must compare with PPO-symmetric in its place."""
+    for results in (study, ways):
+        assert {results.critics_see(name) for name in trained_policies(results)} == {SEEN_BY_CRITICS[False]}
+
+
+def test_the_open_choices_were_trained_for_50_000_steps_and_the_study_for_four_times_as_many(
+    study: Results, ways: Results
+):
+    assert training_in_words(ways.suite) == "50,000 steps on Medium"
+    assert training_in_words(study.suite) == "200,000 steps on Medium"
 
 
 def test_which_policies_meet_the_limit(study: Results):

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from matplotlib.figure import Figure
@@ -76,6 +77,32 @@ def test_the_page_of_twelve_algorithms_is_small(tmp_path: Path):
     assert page.stat().st_size < 2_000_000
     assert len(re.findall(r"<img src='data:image/(png|jpeg);", text)) == 8
     assert text.index("id='ranking'") < text.index("<img ") < text.index("id='table'")
+
+
+@pytest.mark.slow
+def test_the_page_of_the_whole_study_is_small(tmp_path: Path):
+    """All arms of the suite under all its conditions; those that have not been run have the flights of FOCOPS."""
+    study = read_results(Path(__file__).resolve().parents[3] / "benchmarks" / "paper", as_recorded=True)
+    planned, suite = [arm.label for arm in suite_named("paper").arms], suite_named("paper").as_data()
+    others = [name for name in planned if name not in {row.algorithm for row in study.episodes}]
+
+    def with_others(rows: list[Any]) -> list[Any]:
+        own = [row for row in rows if row.algorithm == "FOCOPS"]
+        return [*rows, *(replace(row, algorithm=name) for name in others for row in own)]
+
+    runs = [replace(row, run=f"{row.algorithm}-{row.seed}") for row in with_others(study.runs)]
+    whole = replace(
+        study,
+        suite=study.suite | {"arms": suite["arms"]},
+        runs=runs,
+        episodes=with_others(study.episodes),
+        training=with_others(study.training),
+        condition_episodes={name: with_others(rows) for name, rows in study.condition_episodes.items()},
+    )
+    page = write_report(study.folder, tmp_path / "report", results=whole).page
+    text = page.read_text()
+    assert all(f">{name}<" in text for name in planned) and len(planned) == 17
+    assert page.stat().st_size < 3_000_000
 
 
 @pytest.mark.slow

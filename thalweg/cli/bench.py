@@ -48,6 +48,8 @@ class Bench(Command):
     river: River = NO_FILE
     only: tuple[str, ...] = ()
     """Policies (FOCOPS, hover), with all their seeds, or runs (PPO-0), such as --only FOCOPS PPO-0; all by default."""
+    reuse: Path | None = None
+    """Folder of another suite's results: trainings that are finished and the same there are copied, and only flown."""
     verify: Path | None = None
     """Folder of the suite's results: the runs of --only are made again and compared with it; status 1: they differ."""
     policy: Policies = ()
@@ -68,11 +70,13 @@ class Bench(Command):
         if self.verify is not None:
             if not self.only:
                 raise UsageError("--verify makes runs again: name them by --only, such as --only FOCOPS-0")
+            if self.reuse is not None:
+                raise UsageError("--verify makes runs again, so that --reuse does not go with it")
             repeated = self.out or Path(f"{self.verify.resolve().name}-verified")
             return verify_and_print(asked, self.verify, repeated)
         if self.out is None:
             raise UsageError("give the folder of the results, such as --out results/quick")
-        return run_and_print(asked, self.out)
+        return run_and_print(asked, self.out, self.reuse)
 
 
 @dataclass(frozen=True)
@@ -118,13 +122,15 @@ class RequestedRuns:
         return suite if reach is None else with_river(suite, reach)
 
 
-def run_and_print(asked: RequestedRuns, folder: Path) -> int:
-    """Run a suite, or a part of it, in a folder, and print its tables; returns 1 if a run failed."""
+def run_and_print(asked: RequestedRuns, folder: Path, reuse: Path | None = None) -> int:
+    """Run a suite, or a part of it, in a folder, and print its tables; returns 1 if a run failed. Trainings are taken
+    from the results in `reuse` where they are the same."""
     from thalweg.bench.execute.runner import run_suite
     from thalweg.cli.tables import make_console, print_tables
 
     console = make_console()
-    outcome = run_suite(asked.resolved(), folder, console=console, executor=asked.executor, only=asked.only)
+    suite, only, executor = asked.resolved(), asked.only, asked.executor
+    outcome = run_suite(suite, folder, console=console, executor=executor, only=only, reuse=reuse)
     print_tables(console, outcome.results, detail=False)
     lines = [f"Report: {outcome.report.page}", f"Table:  {outcome.report.table}"]
     if outcome.report.film is not None:

@@ -21,6 +21,7 @@ from thalweg.bench.execute.backend import Backend, RiverBackend
 from thalweg.bench.execute.executors import ExecutionContext, Executor, SerialExecutor, is_evaluated
 from thalweg.bench.execute.feasible import check_feasible
 from thalweg.bench.execute.filming import film_flights
+from thalweg.bench.execute.reuse import take_trainings
 from thalweg.bench.execute.river_files import recorded_rivers
 from thalweg.bench.report.report import Report, write_report
 from thalweg.bench.results.curve import write_curve
@@ -68,6 +69,7 @@ def run_suite(
     *,
     executor: Executor | None = None,
     only: tuple[str, ...] = (),
+    reuse: Path | None = None,
 ) -> Outcome:
     """Execute what is left of a suite and write its report.
 
@@ -78,21 +80,36 @@ def run_suite(
         console: Console for messages about progress.
         executor: Executes the runs; by default this process, one after another.
         only: Names of policies or runs to execute now, see `selected_runs`; all by default.
+        reuse: Folder of the results of another suite, from which trainings are taken that are the same there, see
+            `thalweg.bench.execute.reuse`; none by default.
 
-    Raises `ResultsError`, before anything runs, for a folder of another suite, and for a name in `only` that the suite
-    does not have, and the errors of `check_feasible`.
+    Raises `ResultsError`, before anything runs, for a folder of another suite, for a name in `only` that the suite does
+    not have, for a folder `reuse` without results, and the errors of `check_feasible`.
     """
     console = console or Console()
     requested = selected_runs(suite, only)
     check_feasible(suite, requested)
+    if reuse is not None and (RESULTS_FOLDER.is_new(reuse) or reuse.resolve() == folder.resolve()):
+        raise ResultsError(f"{reuse} holds no results of another suite; give a folder that `thalweg bench` wrote")
     claim(folder, suite)
     backend = backend or RiverBackend(suite)
     _warn_of_changed_sources(suite, folder, requested)
-    rows = execute_runs(ExecutionContext(suite, folder, backend, console), requested, executor or SerialExecutor())
+    context = ExecutionContext(suite, folder, backend, console)
+    if reuse is not None:
+        _take_trainings(context, requested, reuse)
+    rows = execute_runs(context, requested, executor or SerialExecutor())
     results = read_results(folder)
     film_flights(suite, results, backend, console)
     results = with_films(results)
     return Outcome(results, write_report(folder, results=results), [rows[run.name] for run in requested])
+
+
+def _take_trainings(context: ExecutionContext, requested: Sequence[Run], source: Path) -> None:
+    """Take trainings of the package's algorithms from other results: those of plug-ins may have another source."""
+    suite = context.suite
+    runs = {run: versions_of(suite, run) for run in requested if run.kind == "train" and not _sources_of(suite, run)}
+    with RESULTS_FOLDER.locked(context.folder):
+        take_trainings(context, runs, source)
 
 
 def execute_runs(context: ExecutionContext, requested: Sequence[Run], executor: Executor) -> dict[str, RunRow]:

@@ -55,6 +55,16 @@ def test_the_time_limit_is_told_apart_from_other_ends():
     assert [info["done_reason"] for info in infos] == [5, 5, 5]
 
 
+def test_the_deadline_of_a_task_is_no_time_limit():
+    vec_env = RiverVecEnv(vector(observation="none", task="Nests", max_steps=3))
+    vec_env.seed(0)
+    vec_env.reset()
+    for _ in range(3):
+        _, _, ends, infos = vec_env.step(np.ones((3, 4), dtype=np.int64))
+    assert ends.all() and not any(info["TimeLimit.truncated"] for info in infos)
+    assert [info["done_reason"] for info in infos] == [5, 5, 5]
+
+
 def test_poses_set_as_options_are_where_the_next_episodes_begin():
     vec_env = RiverVecEnv(vector(2, observation="none"))
     vec_env.seed(0)

@@ -66,7 +66,8 @@ class RiverEnv(gymnasium.Env):
         return observation_at(observations, 0), _single(info)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Take one action [4]; returns observation, reward, terminated, truncated and info."""
+        """Take one action [4]; returns observation, reward, terminated, truncated and info; see
+        `RiverVectorEnv.step`."""
         observations, rewards, terminated, truncated, info = self.vector.step(batch_of_one(action))
         return (
             observation_at(observations, 0),

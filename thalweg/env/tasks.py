@@ -33,7 +33,7 @@ class TaskRules(NamedTuple):
     portage: int
     """1: land may be crossed, a step over it costs 1, and the reward is progress towards a station."""
     deadline: int
-    """1: an episode that reaches its step limit was cut off by a deadline, which has no cost of its own."""
+    """1: the step limit is a deadline, at which the episode terminates without a cost of its own; 0: it truncates."""
     hard: int
     """1: the first cost of the task ends the episode."""
 
@@ -66,7 +66,7 @@ class Task:
     portage: bool = False
     """Whether the reward is progress towards a gauge station, and land may be crossed, at a cost of 1 a step."""
     deadline_steps_per_m: float = 0.0
-    """Steps for each metre of the course to fly, after which the episode is truncated; 0: the step limit of the
+    """Steps for each metre of the course to fly, after which the episode terminates; 0: after the step limit of the
     paper."""
     props: int = 0
     """Greatest number of objects that are drawn at a time."""

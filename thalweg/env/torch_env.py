@@ -19,7 +19,7 @@ from torch import Tensor
 
 from thalweg.core.compute.device import resolve_device
 from thalweg.env import snapshot
-from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, integer_at_least
+from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, EnvConfig, integer_at_least
 from thalweg.env.device.launcher import Launcher
 from thalweg.env.device.memory import bytes_per_env, check_memory, free_bytes
 from thalweg.env.device.observer import BUFFERS, TensorObserver
@@ -35,6 +35,7 @@ from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
 from thalweg.env.task.priced.station import greatest_ways
 from thalweg.env.task.proprioception import no_last_step
 from thalweg.env.task.rules import TASK_STATE, Outcome, State, empty_outcome, empty_state
+from thalweg.env.task.termination import ends_of
 from thalweg.render.records.camera import Distortion
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
@@ -76,6 +77,7 @@ class TensorRiverEnv:
             raise ConfigError("environments of tensors do not change river: give worlds, not a list of rivers")
         self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
         self.num_envs, self.config = integer_at_least("num_envs", num_envs, 1), config
+        self.limits = config.limits
         self.cost_kinds = config.cost_kinds
         """Names of the K kinds of `info["costs"]`."""
         self.device = torch.device(resolve_device(device))
@@ -88,7 +90,7 @@ class TensorRiverEnv:
         check_memory(self.num_envs, bytes_per_env(courses, config, BUFFERS), shared, free_bytes(self.device))
         for index, world in enumerate(self.worlds):  # a reset on the device cannot report that there is no safe start
             river = world.label
-            random_start(courses, index, config, config.limits, np.random.default_rng(index), river)
+            random_start(courses, index, config, self.limits, np.random.default_rng(index), river)
         self.world_index = np.arange(self.num_envs, dtype=np.int64) % len(self.worlds)
         """[N] index of the world of each environment."""
         self._allocate(courses)
@@ -134,7 +136,7 @@ class TensorRiverEnv:
         before, after = ((self._forces[0],), (self._forces[1],)) if self._forces else ((), ())
         self._arguments = (
             self._courses,
-            self.config.limits,
+            self.limits,
             *before,
             reset,
             State(**{name: arrays[name] for name in state}),
@@ -172,7 +174,7 @@ class TensorRiverEnv:
 
     def step(self, actions: Tensor) -> tuple[Any, Tensor, Tensor, Tensor, Info]:
         """Take one action [N, 4] per environment; returns observations, rewards [N], terminated [N], truncated [N] and
-        info.
+        info, with the ends of `RiverVectorEnv.step`.
 
         Raises `ActionError` for another shape, type or device, and on the CPU for values out of range. A GPU clips
         those, because checking them would make the host wait. Raises `gymnasium.error.ResetNeeded` before the first
@@ -182,9 +184,9 @@ class TensorRiverEnv:
         if not self._started:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         self._advance(unit_actions)
-        reason, reward = self._tensors["reason"], self._tensors["reward"].clone()
-        truncated = reason == int(DoneReason.MAX_STEP_REACHED)
-        return self.observe(), reward, (reason >= 0) & ~truncated, truncated, self._info()
+        reward = self._tensors["reward"].clone()
+        terminated, truncated = ends_of(self._tensors["reason"], self.limits)
+        return self.observe(), reward, terminated, truncated, self._info()
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return everything that the future depends on, as arrays on the host."""

@@ -12,7 +12,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, DoneReason, EnvConfig, integer_at_least
+from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, EnvConfig, integer_at_least
 from thalweg.env.episodes.episodes import Episodes
 from thalweg.env.episodes.info import final_info_of, info_of
 from thalweg.env.episodes.reset_arguments import autoreset_mode_of, rows_and_poses, seeds_of
@@ -32,6 +32,7 @@ from thalweg.env.spaces import (
 )
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.critic_info import critic_space
+from thalweg.env.task.termination import ends_of
 from thalweg.render.records.camera import Distortion
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
@@ -181,7 +182,7 @@ class RiverVectorEnv(VectorEnv):
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Take one action [N, 4] per environment; returns observations, rewards [N], terminated [N], truncated [N] and
-        info.
+        info. The step limit truncates in the paper's task and terminates in the others, whose deadline it is.
 
         Raises `ActionError` before anything changes, and `gymnasium.error.ResetNeeded` if an environment must be reset
         first.
@@ -195,11 +196,9 @@ class RiverVectorEnv(VectorEnv):
         self.state.time_s[active] += self.config.step_s
         for row in np.flatnonzero(~active):
             self.episodes.begin(int(row))
-        reason = outcome.reason
-        truncated = reason == DoneReason.MAX_STEP_REACHED
-        terminated = (reason >= 0) & ~truncated
+        terminated, truncated = ends_of(outcome.reason, self.limits)
         info = info_of(self.episodes, np.ones(self.num_envs, dtype=bool))
-        ended[:] = reason >= 0
+        ended[:] = terminated | truncated
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             observations = self._restart_ended(info)
         else:

@@ -6,9 +6,10 @@ touch nothing solid.
 """
 
 import math
+from typing import Any
 
 from thalweg.core.compute.jit import kernel
-from thalweg.env.config import DoneReason
+from thalweg.env.config import DoneReason, Limits
 from thalweg.env.task.motion import wrap_angle
 from thalweg.env.task.progress import course_direction, interpolate
 from thalweg.env.vehicle.hull import AGROUND, SOLID, first_hit
@@ -149,3 +150,14 @@ def done_reason(broken, idle, steps, completed, limits, max_steps):
     if steps >= max_steps:
         return MAX_STEP_REACHED
     return SUCCESS if completed else RUNNING
+
+
+def ends_of(reason: Any, limits: Limits) -> tuple[Any, Any]:
+    """Return (terminated, truncated), both [N] bool, of codes of `DoneReason` [N], an array or a tensor.
+
+    Only the step limit of the paper's task truncates. The deadline of another task belongs to that task, which shows
+    the time that is left: nothing can be earned or cost after it (Pardo et al., "Time Limits in Reinforcement
+    Learning", 2018, section 3).
+    """
+    truncated = (reason == MAX_STEP_REACHED) & (limits.task.deadline == 0)
+    return (reason >= 0) & ~truncated, truncated

@@ -42,7 +42,7 @@ class Flight:
         self.info: dict[str, Any] = info
         """Of the last step, or of the start."""
         self.terminated = False
-        """Whether the rules ended it; a deadline does not."""
+        """Whether the rules ended it; the step limit of the paper's task does not."""
         self.actions: list[np.ndarray] = []
         """[4] of each step, as the environment took them."""
         self.pilots: list[str] = []

@@ -1,8 +1,11 @@
 """Tasks as environments: ids, hard mode, deadlines, seeds, states, autoreset, and what is refused."""
 
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import thalweg
@@ -14,6 +17,7 @@ from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import from_unit_actions, to_unit_actions
 from thalweg.env.task.course_arrays import config_fingerprint
 from thalweg.env.tasks import TASKS
+from thalweg.env.torch_env import TensorRiverEnv
 
 
 def test_the_registered_tasks_are_those_that_there_are():
@@ -41,7 +45,7 @@ def test_hard_mode_ends_an_episode_at_its_first_cost(task: str):
     assert told["costs"][2] == soft[first][2]["costs"][2] and soft[first][2]["done_reason"] == -1
 
 
-def test_a_deadline_is_a_share_of_the_way_and_truncates_without_a_cost():
+def test_a_deadline_is_a_share_of_the_way_and_ends_without_a_cost():
     # A ring of 125.66 m; the station of a portage is half of it away.
     world = ring()
     limits = {task: int(made(task, world).courses.max_steps[0]) for task in PRICED}
@@ -51,8 +55,27 @@ def test_a_deadline_is_a_share_of_the_way_and_truncates_without_a_cost():
     told = None
     for _ in range(38):
         told = env.step(np.array([HOVER]))
-    assert told is not None and told[3].tolist() == [True] and told[2].tolist() == [False]
+    assert told is not None
     assert told[4]["done_reason"].tolist() == [DoneReason.MAX_STEP_REACHED] and told[4]["costs"].tolist() == [[0, 0, 0]]
+
+
+@pytest.mark.parametrize("kind", ["single", "vector", "tensors"])
+@pytest.mark.parametrize("task", ["River", *PRICED])
+def test_a_deadline_terminates_and_the_step_limit_of_the_paper_truncates(task: str, kind: str):
+    config = EnvConfig(task=task, observation="none", max_steps=4)  # pyright: ignore[reportArgumentType]
+    env: Any
+    if kind == "single":
+        env, hover = RiverEnv(ring(), config), np.array(HOVER)
+    elif kind == "vector":
+        env, hover = RiverVectorEnv(ring(), 2, config), np.array([HOVER] * 2)
+    else:
+        env, hover = TensorRiverEnv(ring(), 2, config, device="cpu"), torch.tensor([HOVER] * 2)
+    env.reset(seed=0)
+    ends = [env.step(hover)[2:4] for _ in range(4)]
+    assert not np.any(ends[:-1])
+    terminated, truncated = (np.ravel(each).tolist() for each in ends[-1])
+    last = [True] * len(terminated)
+    assert (terminated, truncated) == ((last, [False] * len(last)) if task != "River" else ([False] * len(last), last))
 
 
 def test_a_fast_step_is_two_metres_forward():

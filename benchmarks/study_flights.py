@@ -117,14 +117,16 @@ def _versions_of_runs(results: Results) -> dict[str, set[int | None]]:
 
 
 def earlier_versions(results: Results) -> list[str]:
-    """Return the versions of the trained policies of results that differ from those of today, with these in brackets;
-    none if none does."""
+    """Return the versions of the trained policies of results that differ from those of today, with these in brackets,
+    and of policies without any such those that they were made before; none if none does."""
     found: dict[str, str] = {}
     for arm in arms_of(results.suite):
         for seed in arm["seeds"]:
             recorded = results.versions.get(f"{arm['name']}-{seed}", {})
             today = versions_today(results.suite, arm["name"], recorded)
-            for name, version in recorded.items():
-                if today.get(name) != version:
-                    found[name] = f"{name} {version} (today {today.get(name)})"
+            differing = {name: version for name, version in recorded.items() if today.get(name) != version}
+            found |= {name: f"{name} {version} (today {today.get(name)})" for name, version in differing.items()}
+            if recorded and not differing:
+                new = {name: version for name, version in today.items() if name not in recorded}
+                found |= {name: f"before {name} {version}" for name, version in new.items()}
     return list(found.values())

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from findings import results_of
 from page_sections import replace_section, wrap
+from study_flights import earlier_versions
 from task_facts import Studies, facts
 from task_findings_picture import drawn_fronts
 from task_outcomes import LIMITLESS, Outcome, Study, held, mean_text, oracle_text, study_of
@@ -125,6 +126,18 @@ def _lacking(study: Study) -> Iterable[str]:
     return [f"{name} ({done} of {planned} runs)" for name, done, planned in found if done < planned]
 
 
+def versions_note(studies: Studies) -> str:
+    """Return which results are of earlier versions than today's."""
+    tasks: dict[str, list[str]] = {}
+    for task, study in studies.items():
+        if study.results is not None and (earlier := earlier_versions(study.results)):
+            tasks.setdefault(", ".join(earlier), []).append(task)
+    if not tasks:
+        return "All results are of today's versions.\n"
+    told = "; ".join(f"{', '.join(names)} ({earlier})" for earlier, names in tasks.items())
+    return wrap(f"**Of earlier versions** are the results of {told}.")
+
+
 def frames_section(studies: Studies) -> str:
     """Return the tables of the tasks through frames, as far as anything was run."""
     tables = (f"### {task}\n\n{task_section(study)}" for task, study in studies.items() if study.outcomes)
@@ -134,6 +147,7 @@ def frames_section(studies: Studies) -> str:
 def written_page(page: str, studies: Studies, seeing: Studies) -> str:
     """Return the page with what the results have today, by the ideal eye and `seeing` frames."""
     sections: Sequence[tuple[str, str]] = [
+        ("versions", versions_note(studies)),
         ("facts", facts(studies)),
         ("holders", holders_table(studies)),
         *((task, task_section(study)) for task, study in studies.items()),

@@ -17,11 +17,12 @@ from thalweg.bench.evaluate.conditions import Condition
 from thalweg.bench.fronts import fronts
 from thalweg.bench.fronts.fronts import FrontPoint
 from thalweg.bench.results.results import Results, RunRow
+from thalweg.bench.results.run_versions import current_versions
 from thalweg.bench.suite.arms import Arm
 from thalweg.bench.suite.config import Suite
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
-SCRIPTS = ("task_findings", "task_facts", "task_findings_picture", "task_outcomes", "findings")
+SCRIPTS = ("task_findings", "task_facts", "task_findings_picture", "task_outcomes", "findings", "study_flights")
 SAFE = FrontPoint("Nests", "Medium", "fixed", 10.0, 50, 6.0, 5.9, 6.1, 0.0, 0.0, 0.0, 1)
 FAST = replace(SAFE, price=0.0, return_=10.0, cost=40.0)
 FRONT = [SAFE, FAST, replace(SAFE, rivers="unseen", cost=10.0), replace(FAST, rivers="unseen")]
@@ -185,6 +186,21 @@ def test_policies_of_one_algorithm_at_one_limit_are_told_apart(
     assert section.startswith("### Nests") and "Portage" not in section
     assert found["FOCOPS"][0].startswith("**7.00") and found["FOCOPS-cnn"][0].startswith("**5.00")
     assert script.missing_section({"Nests": study}) == "- Nests: PPO (0 of 3 runs)\n"
+
+
+def test_results_of_earlier_versions_are_told(script: ModuleType, outcomes: ModuleType, results: Results):
+    now = current_versions("train", ["FOCOPS"], task="Nests")
+    before = {name: version for name, version in now.items() if name != "deadlines"}
+    for recorded, words in (
+        (now, "All results are of today's versions.\n"),
+        (before, "**Of earlier versions** are the results of Nests (before deadlines 1).\n"),
+        (
+            before | {"FOCOPS": 0},
+            f"**Of earlier versions** are the results of Nests (FOCOPS 0 (today {now['FOCOPS']})).\n",
+        ),
+    ):
+        study = outcomes.study_of(SUITE, replace(results, versions={"FOCOPS-8.2-0": recorded}))
+        assert script.versions_note({"Nests": study}) == words
 
 
 def test_results_of_other_tasks_than_the_front_are_refused(outcomes: ModuleType, results: Results):

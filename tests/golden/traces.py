@@ -232,6 +232,16 @@ def tasks() -> Trace:
     return found
 
 
+def deadlines() -> Trace:
+    """Whether episodes that hover until the step limit terminate or are truncated, in the paper's task and others."""
+    found = {}
+    for task in ("River", *PRICED):
+        env = RiverVectorEnv(ring(), 2, EnvConfig(observation="none", task=task, max_steps=5))
+        env.reset(seed=3)
+        found[task] = np.array([env.step(np.ones((2, 4), np.int64))[2:4] for _ in range(5)], np.float64)
+    return found
+
+
 def evaluation() -> Trace:
     """Starts on Easy, and evaluated episodes of baselines."""
     config = EvaluationConfig(episodes=2)
@@ -388,6 +398,7 @@ GOLDENS: dict[str, Golden] = {
     "rules": Golden("RULES", versions.RULES, rules, tolerance=1e-9),
     "forces": Golden("FORCES", versions.FORCES, forces, tolerance=1e-9),
     "tasks": Golden("TASKS", versions.TASKS, tasks, tolerance=1e-6, smallest=1e-3),
+    "deadlines": Golden("DEADLINES", versions.DEADLINES, deadlines, tolerance=0.0),
     "vehicles": Golden("VEHICLES", versions.VEHICLES, vehicles, tolerance=1e-6, smallest=1e-5),
     "privileged": Golden("PRIVILEGED", versions.PRIVILEGED, privileged, tolerance=1e-4, smallest=1e-3),
     "proprioception": Golden("PROPRIOCEPTION", versions.PROPRIOCEPTION, proprioception, tolerance=1e-4, smallest=1e-3),

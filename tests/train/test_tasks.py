@@ -1,5 +1,6 @@
 """Tests of training and evaluation on tasks beside the paper's, whose privileged observations differ."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from thalweg.env import EnvConfig
 from thalweg.env.rivers import river_list
 from thalweg.env.task.priced.eye import features_of
 from thalweg.train import load_policy
-from thalweg.train.errors import TrainingError
+from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.observations import check_policy_fits, task_of
 from thalweg.train.river import RiverTraining
 
@@ -64,6 +65,19 @@ def test_a_policy_of_another_version_of_the_tasks_is_refused(tmp_path: Path, mon
     monkeypatch.setattr(versions, "TASKS", versions.TASKS + 1)
     with pytest.raises(TrainingError, match="version 1 of the tasks, but this is version 2"):
         check_policy_fits(load_policy(tmp_path), None, task="Swimmers")
+
+
+def test_a_run_from_before_deadlines_ended_learning_is_not_resumed(tmp_path: Path):
+    train(tmp_path)
+    config = yaml.safe_load((tmp_path / "config.yaml").read_text())
+    assert config["made_with"].pop("deadlines") == versions.DEADLINES
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(config))
+    with pytest.warns(ResumeWarning, match=f"made with deadlines unknown, not {versions.DEADLINES}; train it again"):
+        assert train(tmp_path).already_finished
+    status = json.loads((tmp_path / "status.json").read_text())
+    (tmp_path / "status.json").write_text(json.dumps(status | {"state": "interrupted"}))
+    with pytest.raises(TrainingError, match=r"made with deadlines unknown, .*: it cannot be resumed"):
+        train(tmp_path)
 
 
 def test_limits_of_tight_and_loose_costs_do_not_fit_three_kinds(tmp_path: Path):

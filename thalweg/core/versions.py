@@ -19,6 +19,9 @@ FORCES = 1
 """Motion under wind, current and inertia, and the weather that a seed draws."""
 TASKS = 1
 """What the tasks beside the paper's pay and cost, when they end, and what they add to the ideal eye."""
+DEADLINES = 1
+"""Whether learning goes on beyond the deadline of a task; trained policies of the tasks beside the paper's depend on
+it."""
 VEHICLES = 1
 """The boat: what it touches and pays for, its starts, its pilot, and what its ideal eye tells."""
 PRIVILEGED = 2

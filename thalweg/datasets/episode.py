@@ -102,8 +102,7 @@ class RecordedEpisode:
     costs: np.ndarray
     """[T, K] float64, by `About.cost_kinds`."""
     terminated: bool
-    """Whether the flight ended by the rules; one that was stopped, or cut off by the step limit of the paper's task, did
-    not."""
+    """Whether the flight ended by the rules; one that was stopped, or cut off by the paper's step limit, did not."""
     reason: int = RUNNING
     """Code of the reason for the end, see `About.reasons`; `RUNNING` for a flight that was stopped before its end."""
     pilots: tuple[str, ...] = ()

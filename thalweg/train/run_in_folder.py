@@ -102,10 +102,11 @@ def open_folder(
 
 def _check_made_with(folder: Path, existing: dict[str, Any], now: dict[str, Any], finished: bool) -> None:
     """Raise `TrainingError` for an unfinished run of other versions than today's, and warn of a finished one; folders
-    from before these were recorded pass."""
+    from before any were recorded pass."""
     recorded, current = (description.get(run_record.MADE_WITH) or {} for description in (existing, now))
-    other = [f"{name} {version}, not {current.get(name)}" for name, version in recorded.items()
-             if version != current.get(name)]  # fmt: skip
+    names = {**recorded, **current} if recorded else {}
+    other = [f"{name} {recorded.get(name, 'unknown')}, not {current.get(name)}" for name in names
+             if recorded.get(name) != current.get(name)]  # fmt: skip
     if not other:
         return
     found = f"{folder} was made with {'; '.join(other)}"

@@ -10,7 +10,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import SHIELDED
 from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.execute.runner import claim
-from thalweg.bench.results.run_versions import current_versions
+from thalweg.bench.results.run_versions import UNKNOWN, current_versions, needs_training, version_label
 from thalweg.bench.suite.arms import Arm
 from thalweg.bench.suite.builtin import load_suite
 from thalweg.bench.suite.config import Suite
@@ -87,6 +87,27 @@ def test_only_results_of_frames_depend_on_the_objects_that_they_show():
             assert found.get("props") == (versions.PROPS if shows else None)
     assert "props" not in current_versions("train", ["PPO"], task="Nests", observation="privileged")
     assert "props" not in current_versions("baseline", ["pilot"], task="Nests")
+
+
+def test_only_trained_results_of_other_tasks_depend_on_deadlines():
+    for task, kind, depends in (
+        ("River", "train", False),
+        ("Nests", "train", True),
+        ("Swimmers", "baseline", False),
+        ("Portage", "packaged", False),
+        ("RacingLine", "function", False),
+    ):
+        found = current_versions(kind, ["PPO"] if kind == "train" else ["pilot"], task=task)
+        assert found.get("deadlines") == (versions.DEADLINES if depends else None)
+
+
+def test_a_run_from_before_a_version_is_told_by_it():
+    now = current_versions("train", ["PPO"], task="Nests")
+    before = {name: version for name, version in now.items() if name != "deadlines"}
+    assert version_label(now, now) == "" and version_label({}, now) == UNKNOWN
+    assert version_label(before, now) == f"before deadlines {versions.DEADLINES}"
+    assert version_label(before | {"PPO": 0}, now) == "PPO 0"
+    assert needs_training(before, now)
 
 
 def test_results_of_the_paper_have_the_versions_that_they_had():

@@ -56,8 +56,8 @@ def current_versions(
     name, and only the privileged observation does not depend on the renderer; `asymmetric_critics` is whether the
     critics of some stage see the privileged one as well, and `begins_with_packaged` whether training begins with the
     packaged policy, which sees images; baselines see nothing. Only results of a `task` beside the paper's depend on
-    the tasks, and where frames show its objects, on these; only those under `forces` on wind, current and inertia, and
-    only those of a suite with other `banks` than forest on these.
+    the tasks, where frames show its objects, on these, and where a policy is trained, on deadlines; only those under
+    `forces` on wind, current and inertia, and only those of a suite with other `banks` than forest on these.
     """
     flown: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if task != "River":
@@ -84,6 +84,8 @@ def current_versions(
     if kind == "function":
         return flown | seen
     learning = {name: version_of(name) for name in algorithms}
+    if task != "River":
+        learning["deadlines"] = versions.DEADLINES
     return flown | seen | (packaged if begins_with_packaged else {}) | {"training": versions.TRAINING} | learning
 
 
@@ -148,11 +150,14 @@ def needs_training(recorded: Versions, current: Versions) -> bool:
 
 
 def version_label(recorded: Versions, current: Versions) -> str:
-    """The versions of an outdated run that differ from the current ones, such as `render 1, PPO 1`; else empty."""
+    """The versions of an outdated run that differ from the current ones, such as `render 1, PPO 1`; where none does,
+    those that it was made before, such as `before deadlines 1`; empty for another run."""
     if recorded == current:
         return ""
+    if not recorded:
+        return UNKNOWN
     differing = [f"{name} {version}" for name, version in recorded.items() if current.get(name) != version]
-    return ", ".join(differing) or UNKNOWN
+    return ", ".join(differing or [f"before {name} {new}" for name, new in current.items() if name not in recorded])
 
 
 def read_versions(folder: Path) -> dict[str, Versions]:

@@ -51,9 +51,12 @@ def device_identity(kind: str) -> dict[str, Any]:
 
 def made_with(identity: dict[str, Any], learner: Mapping[str, int]) -> dict[str, int]:
     """Return the versions of what the numbers of a run depend on beside those in its context: of its learner by name
-    (empty where the context has it), the training loop, and, on a river, its world and its rules."""
-    on_river = "env" in identity.get("context", {})
-    rivers = {"rules": versions.RULES, "world": versions.WORLD} if on_river else {}
+    (empty where the context has it), the training loop, and, on a river, its world, its rules and, in a task beside the
+    paper's, deadlines."""
+    rules = identity.get("context", {}).get("env")
+    rivers = {} if rules is None else {"rules": versions.RULES, "world": versions.WORLD}
+    if rules is not None and rules.get("task", "River") != "River":
+        rivers["deadlines"] = versions.DEADLINES
     return {**learner, "training": versions.TRAINING, **rivers}
 
 

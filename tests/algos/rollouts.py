@@ -49,3 +49,23 @@ def rollout_of(obs: torch.Tensor, **changes: Any) -> Rollout:
         "final_obs": torch.zeros(0, size),
     }
     return Rollout(**(fields | changes))
+
+
+def cut_off(obs: torch.Tensor, length: int, **changes: Any) -> Rollout:
+    """Steps through observations [T + 1, N, D] of episodes that a limit of `length` steps cuts off, T of them or a
+    multiple: the last step pays and costs 0.2, and critics are told the share of steps, which is 1 at the limit."""
+    steps, count, size = obs.shape[0] - 1, obs.shape[1], obs.shape[2]
+    at = (torch.arange(steps + 1) % length).unsqueeze(1).expand(-1, count)
+    last = at[:-1] == length - 1
+    ends = last.flatten().nonzero().squeeze(-1)
+    fields = {
+        "fresh": at == 0,
+        "rewards": 0.2 * last,
+        "costs": 0.2 * last.unsqueeze(-1),
+        "truncated": last,
+        "final_index": ends,
+        "final_obs": torch.zeros(len(ends), size),
+        "critic_obs": at.unsqueeze(-1) / length,
+        "final_critic_obs": torch.ones(len(ends), 1),
+    }
+    return rollout_of(obs, **(fields | changes))

@@ -26,6 +26,8 @@ from thalweg.algos import ALGORITHMS
 from thalweg.algos.imitation.config import ImitationConfig
 from thalweg.algos.imitation.student import Lesson, Student
 from thalweg.algos.interface import Task
+from thalweg.algos.offpolicy.replay_buffer import valid_transitions
+from thalweg.algos.onpolicy.agent import cost_signals, reward_signal
 from thalweg.algos.policy.actions import actions_of
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
@@ -233,12 +235,19 @@ def tasks() -> Trace:
 
 
 def deadlines() -> Trace:
-    """Whether episodes that hover until the step limit terminate or are truncated, in the paper's task and others."""
+    """Whether episodes that hover until the step limit terminate or are truncated, in the paper's task and others, and
+    what of learning goes on beyond a limit, by whether critics are told the share of steps."""
     found = {}
     for task in ("River", *PRICED):
         env = RiverVectorEnv(ring(), 2, EnvConfig(observation="none", task=task, max_steps=5))
         env.reset(seed=3)
         found[task] = np.array([env.step(np.ones((2, 4), np.int64))[2:4] for _ in range(5)], np.float64)
+    steps = rollouts.cut_off(torch.zeros(5, 1, 2), 4)
+    for told in (0, 1):
+        config = ALGORITHMS["FOCOPS"].configure({"asymmetric_critics": bool(told)})
+        signals = [reward_signal(config, steps), *cost_signals(config, steps)]
+        found[f"on-policy {told}"] = np.array([float(each.ends_at_limit) for each in signals])
+        found[f"off-policy {told}"] = valid_transitions(steps, told).continues.numpy()
     return found
 
 

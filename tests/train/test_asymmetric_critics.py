@@ -16,10 +16,12 @@ from tests.train.toys import ToldWalk, Walk
 from thalweg.algos import ALGORITHMS, AlgorithmError, Entry
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.onpolicy.config import OnPolicyConfig
+from thalweg.core import versions
 from thalweg.core.config import frozen_config
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.rivers import river_list
 from thalweg.train import TrainingError, river, run
+from thalweg.train.folder.run_record import made_with
 from thalweg.train.river import RiverTraining
 
 
@@ -88,6 +90,15 @@ def test_a_folder_of_critics_that_saw_less_is_that_of_another_run(tmp_path: Path
     read(tmp_path, Walk())
     with pytest.raises(TrainingError, match="critic_size is absent there and 2 here"):
         read(tmp_path, ToldWalk())
+
+
+@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("limited", [True, False])
+def test_a_run_with_critics_of_costs_that_are_told_more_says_where_its_costs_end(told: bool, limited: bool):
+    identity: dict[str, Any] = {"config": {"cost_limit": 0.1} if limited else {}}
+    identity |= {"critic_size": 2} if told else {}
+    ends = {"deadlines": versions.DEADLINES} if told and limited else {}
+    assert made_with(identity, {"PPO": 1}) == {"PPO": 1, "training": versions.TRAINING} | ends
 
 
 class StopsAt(ToldWalk):

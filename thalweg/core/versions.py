@@ -20,8 +20,8 @@ FORCES = 1
 TASKS = 1
 """What the tasks beside the paper's pay and cost, when they end, and what they add to the ideal eye."""
 DEADLINES = 1
-"""Whether learning goes on beyond the deadline of a task; trained policies of the tasks beside the paper's depend on
-it."""
+"""Whether learning goes on beyond the deadline of a task, and that of costs whose critics are told the share of steps
+beyond a step limit. Trained policies of the tasks beside the paper's, and those with such critics, depend on it."""
 VEHICLES = 1
 """The boat: what it touches and pays for, its starts, its pilot, and what its ideal eye tells."""
 PRIVILEGED = 2

@@ -188,6 +188,11 @@ def has_asymmetric_critics(config: Any) -> bool:
     return bool(getattr(config, "told_critics", getattr(config, "asymmetric_critics", False)))
 
 
+def tells_cost_critics(config: Any) -> bool:
+    """Return whether an algorithm with a config has critics of costs, and these see more than the observation."""
+    return has_asymmetric_critics(config) and hasattr(config, "cost_limit")
+
+
 def _execution(options: ExecutionOptions) -> Execution:
     """Return the execution options with their defaults; raises `TypeError` for an unknown keyword of `run`."""
     unknown = sorted(set(options) - {field.name for field in fields(Execution)})

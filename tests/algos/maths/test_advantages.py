@@ -87,7 +87,7 @@ def test_standardised_and_centred_by_hand():
 def test_td_targets_of_two_signals_with_different_discounts():
     found = td_target(
         torch.tensor([[1.0, 2.0], [0.0, 1.0]], dtype=F64),
-        torch.tensor([1.0, 0.0], dtype=F64),
+        torch.tensor([[1.0, 0.0], [1.0, 0.0]], dtype=F64),
         torch.tensor([[4.0, 100.0], [0.5, 100.0]], dtype=F64),
         torch.tensor([[0.5], [0.8]], dtype=F64),
     )
@@ -95,8 +95,14 @@ def test_td_targets_of_two_signals_with_different_discounts():
     assert found.tolist() == [[3.0, 2.0], [0.4, 1.0]]
 
 
+def test_a_signal_may_go_on_where_another_one_ends():
+    twice = [torch.tensor([[1.0], [1.0]], dtype=F64), torch.tensor([[1.0], [0.0]], dtype=F64)]
+    found = td_target(*twice, torch.tensor([[4.0], [4.0]], dtype=F64), torch.tensor([[0.5], [0.5]], dtype=F64))
+    assert found.tolist() == [[3.0], [1.0]]
+
+
 def test_td_targets_refuse_shapes_that_would_broadcast():
     with pytest.raises(ValueError, match="same shape"):
-        td_target(torch.zeros(2, 3), torch.zeros(3, 1), torch.zeros(2, 3), torch.zeros(2, 1))
+        td_target(torch.zeros(2, 3), torch.zeros(3), torch.zeros(2, 3), torch.zeros(2, 1))
     with pytest.raises(ValueError, match="dimensions"):
-        td_target(torch.zeros(2, 3), torch.zeros(3), torch.zeros(2, 3), torch.zeros(2))
+        td_target(torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2, 3), torch.zeros(2))

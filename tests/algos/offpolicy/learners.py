@@ -60,7 +60,7 @@ def batch_of(learner: Any, raw: torch.Tensor, seed: int = 0, ends: int = 2) -> B
     actions = learner.action_form.encode(raw)
     obs, next_obs = torch.randn(size, width, generator=generator), torch.randn(size, width, generator=generator)
     signals = torch.rand(1 + len(learner.config.limits), size, generator=generator)
-    continues = (torch.arange(size) >= ends).float()
+    continues = (torch.arange(size) >= ends).float().expand(len(signals), -1)
     told, next_told = torch.randn(2, size, learner.agent.critic_size, generator=generator)
     seen, next_seen = torch.cat([obs, told], 1), torch.cat([next_obs, next_told], 1)
     return Batch(obs, seen, actions, torch.cat([seen, actions], 1), next_obs, next_seen, signals, continues)

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 import torch
 
+from tests.algos import rollouts
 from tests.algos.offpolicy.learners import NAMES, SPACES, C, D, N, T, learner_for, rollout_of
 from tests.algos.offpolicy.test_learners import assert_same
 from tests.algos.rollouts import feedback
@@ -63,6 +64,40 @@ def values_by_hidden_number(learner: Any) -> list[float]:
     return [float(values[k, hidden == high].mean()) for k in (0, -1) for high in (False, True)]
 
 
+LIMIT, GAMMA = 8, 0.99
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_cost_of_critics_that_know_the_limit_ends_there(name: str):
+    """Episodes pay and cost 0.2 as the limit cuts them off: the last step costs 0.2, and step t 0.2 γ^(7 - t). What the
+    reward is taken to be worth at the limit returns to it, towards 0.2 / (1 - γ) = 20."""
+    same: dict[str, Any] = {"discount": GAMMA, "cost_discount": GAMMA, "target_rate": 0.3, "updates_per_step": 1.0}
+    plain = {"scale_returns": False, "bound_targets": False, "critic_learning_rate": 1e-2, "linear_decay": False}
+    learner = learner_for(name, critic_size=1, **same, **plain)
+    most = 0.0
+    for seed in range(8):
+        obs = torch.randn(T + 1, N, D, generator=torch.Generator().manual_seed(seed))
+        actions = torch.stack([learner.act(each, torch.zeros(N, dtype=torch.bool)) for each in obs[:-1]])
+        learner.update(rollouts.cut_off(obs, LIMIT, actions=actions), FEEDBACK)
+        rewards, costs = values_by_step(learner)
+        most = max(most, rewards[-1])
+    assert costs == pytest.approx([0.2 * GAMMA ** (LIMIT - 1 - t) for t in range(LIMIT)], abs=0.05)  # pyright: ignore[reportPossiblyUnbound]
+    assert most > 0.6
+
+
+@torch.no_grad()
+def values_by_step(learner: Any) -> tuple[list[float], list[float]]:
+    """Mean values of the reward and of the cost by the step of an episode, of stored steps."""
+    agent = learner.agent
+    rows = next(agent.replay.batches(1, 500, agent.generator, learner.policy.normaliser, lambda told: told))
+    step = (rows[:, D] * LIMIT).round()
+    rows[:, D : D + 1] = agent.critic_normaliser(rows[:, D : D + 1])
+    batch = agent.replay.batch(rows)
+    values = agent.critics.stack(batch.seen if agent.critics.stack.sizes[-1] > 1 else batch.seen_actions).mean(-1)
+    reward, cost = ([float(values[k, step == t].mean()) for t in range(LIMIT)] for k in (0, -1))
+    return reward, cost
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_without_the_setting_critics_see_the_observation_alone_to_the_bit(name: str):
     """Whatever the environment tells; and with it, where the environment tells nothing."""
@@ -98,4 +133,4 @@ def test_what_critics_see_is_normalised_by_the_statistics_of_all_valid_steps_and
     assert torch.allclose(normaliser.scale, 1.0 / seen.std(0, correction=0), atol=1e-5)
     assert learner.agent.critics.stack.sizes[0] == frame_stack * D + C
     assert learner.policy.actor.stack.sizes[0] == frame_stack * D
-    assert learner.agent.replay.rows.shape[1] == 2 * (frame_stack * D + C) + 1 + 2 + 1
+    assert learner.agent.replay.rows.shape[1] == 2 * (frame_stack * D + C) + 1 + 2 + 2

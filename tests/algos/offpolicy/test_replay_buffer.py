@@ -23,9 +23,8 @@ def filled(size: int, numbers: range, critic_size: int = 0) -> ReplayBuffer:
         column = some.unsqueeze(1)
         signals = torch.stack([some, -some], 1)
         critic_obs = column.expand(-1, critic_size)
-        steps = Transitions(
-            column, critic_obs + 0.1, column, column + 0.5, critic_obs + 0.6, signals, torch.ones(len(some))
-        )
+        continues = torch.ones(len(some), 2 if critic_size else 1)
+        steps = Transitions(column, critic_obs + 0.1, column, column + 0.5, critic_obs + 0.6, signals, continues)
         replay.add(steps)
     return replay
 
@@ -53,7 +52,7 @@ def test_adding_more_steps_than_the_size_keeps_the_last():
     replay = ReplayBuffer(3, 1, 1, 1)
     some = torch.arange(8.0)
     column = some[:, None]
-    replay.add(Transitions(column, NONE[:8], column, column, NONE[:8], torch.stack([some, some], 1), torch.ones(8)))
+    replay.add(Transitions(column, NONE[:8], column, column, NONE[:8], torch.stack([some, some], 1), torch.ones(8, 1)))
     assert stored(replay) == {5.0, 6.0, 7.0}
 
 
@@ -81,7 +80,21 @@ def test_a_terminated_step_does_not_continue_and_a_truncated_one_does_from_its_l
     assert obs.flatten().tolist() == [0, 0, 1, 1, 2, 2]
     assert next_obs.flatten().tolist() == [1, 1, 70, 80, 3, 3]
     assert signals.tolist() == [[1, 0], [1, 0], [1, 1], [1, 0], [1, 0], [1, 0]]
-    assert continues.tolist() == [1, 1, 0, 1, 1, 1]
+    assert continues.tolist() == [[1], [1], [0], [1], [1], [1]]
+
+
+def test_for_critics_that_are_told_the_cost_ends_where_an_episode_is_cut_off_and_the_reward_goes_on():
+    obs, ends, cut = torch.zeros(4, 2, 1), torch.zeros(3, 2, dtype=torch.bool), torch.zeros(3, 2, dtype=torch.bool)
+    ends[1, 0], cut[1, 1] = True, True
+    told = {"critic_obs": torch.zeros(4, 2, 3), "final_critic_obs": torch.zeros(2, 3)}
+    final = {"final_index": torch.tensor([2, 3]), "final_obs": torch.zeros(2, 1)}
+    rollout = rollout_of(obs, terminated=ends, truncated=cut, costs=torch.zeros(3, 2, 2), **told, **final)
+    steps = valid_transitions(rollout, 3)
+    assert steps.continues.tolist() == [[1, 1, 1], [1, 1, 1], [0, 0, 0], [1, 0, 0], [1, 1, 1], [1, 1, 1]]
+    assert valid_transitions(rollout).continues.tolist() == [[1], [1], [0], [1], [1], [1]]
+    replay = ReplayBuffer(6, 1, 1, 2, critic_obs=3)
+    replay.add(steps)
+    assert replay.batch(replay.rows).continues.tolist() == steps.continues.T.tolist()
 
 
 def test_steps_that_only_reset_are_not_stored():
@@ -159,7 +172,7 @@ def test_many_batches_are_gathered_in_parts_and_differ():
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("where", range(7))
 def test_a_number_that_is_not_finite_is_refused(bad: float, where: int):
-    parts = [*(torch.zeros(2, 1) for _ in range(5)), torch.zeros(2, 2), torch.zeros(2)]
+    parts = [*(torch.zeros(2, 1) for _ in range(5)), torch.zeros(2, 2), torch.zeros(2, 2)]
     parts[where].view(-1)[1] = bad
     with pytest.raises(NotFiniteError, match="has become"):
         ReplayBuffer(7, 1, 1, 1, critic_obs=1).add(Transitions(*parts))
@@ -171,7 +184,7 @@ def test_a_restored_state_holds_the_filled_rows_and_continues_the_same():
     other.load_state(replay.state())
     for one in (replay, other):
         many = torch.full((2, 1), 50.0)
-        one.add(Transitions(many, NONE[:2], many, many, NONE[:2], torch.full((2, 2), 50.0), torch.ones(2)))
+        one.add(Transitions(many, NONE[:2], many, many, NONE[:2], torch.full((2, 2), 50.0), torch.ones(2, 1)))
     assert np.array_equal(replay.state()["rows"], other.state()["rows"]) and replay.state()["next"] == 4
     assert torch.equal(draw(replay)[0].seen_actions, draw(other)[0].seen_actions)
 

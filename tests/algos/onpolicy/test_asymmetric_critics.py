@@ -12,7 +12,7 @@ from tests.algos.onpolicy.test_learners import ON_POLICY
 from tests.algos.rollouts import feedback
 from thalweg.algos import ALGORITHMS, AlgorithmError
 from thalweg.algos.interface import Rollout, Task
-from thalweg.algos.onpolicy.agent import Agent
+from thalweg.algos.onpolicy.agent import Agent, cost_signals, reward_signal
 from thalweg.algos.onpolicy.ppo import PPOConfig
 from thalweg.algos.onpolicy.rollout_samples import Samples, Signal
 from thalweg.algos.policy import fast_path
@@ -232,6 +232,56 @@ def test_what_only_critics_see_explains_returns_that_depend_on_it(name: str, set
     assert len(explained[True]) == (1 if name == "PPO" else 2)
     assert min(explained[True].values()) > 0.95
     assert max(abs(value) for value in explained[False].values()) < 0.3
+
+
+LIMIT, GAMMA = 8, 0.99
+
+
+def values_before_a_limit(learner: Any, updates: int) -> list[list[float]]:
+    """Values of reward and cost [2, LIMIT] by the step of an episode, after updates on episodes that pay and cost 0.2
+    as the limit cuts them off."""
+    for seed in range(updates):
+        obs = numbers(65, 4, D, seed=seed)
+        actions = torch.stack([learner.act(each, torch.zeros(4, dtype=torch.bool)) for each in obs[:-1]])
+        learner.update(rollouts.cut_off(obs, LIMIT, actions=actions), feedback(0.2))
+    agent, share = learner.agent, torch.arange(LIMIT).unsqueeze(1) / LIMIT
+    seen = torch.zeros(LIMIT, 0) if learner.config.sees_images else torch.zeros(LIMIT, D)
+    told = [] if agent.critic_normaliser is None else [agent.critic_normaliser(share)]
+    with torch.no_grad():
+        return agent.critics(torch.cat([seen, *told], 1)).tolist()
+
+
+@pytest.mark.parametrize("name", [name for name in ON_POLICY if name != "PPO"])
+def test_the_cost_of_critics_that_know_the_limit_ends_there_and_what_the_reward_is_worth_grows(name: str):
+    """The cost of step t is worth 0.2 γ^(7 - t). The value of the reward at the limit is never trained, and what it is
+    taken to be returns to it, towards 0.2 / (1 - γ) = 20."""
+    settings = {"critic_learning_rate": 0.02, "discount": GAMMA, "cost_discount": GAMMA}
+    short, long = (
+        values_before_a_limit(learner_for(name, 1, asymmetric_critics=True, **settings), updates)
+        for updates in (10, 30)
+    )
+    assert long[1] == pytest.approx([0.2 * GAMMA ** (LIMIT - 1 - t) for t in range(LIMIT)], abs=0.03)
+    assert long[0][-1] > short[0][-1] + 0.2 > 0.6
+
+
+def test_the_cost_of_critics_that_do_not_know_the_limit_goes_on_beyond_it():
+    """They expect 0.2 in a step of eight, for ever, to the bit as of the reward."""
+    learner = learner_for("PPOLag", 1, asymmetric_critics=False)
+    rollout = rollouts.cut_off(numbers(65, 4, D, seed=0), LIMIT)
+    assert [signal.ends_at_limit for signal in cost_signals(learner.config, rollout)] == [False]
+    told = dataclasses.replace(learner.config, asymmetric_critics=True)
+    assert [signal.ends_at_limit for signal in cost_signals(told, rollout)] == [True]
+    silent = dataclasses.replace(rollout, critic_obs=None, final_critic_obs=None)
+    assert [signal.ends_at_limit for signal in cost_signals(told, silent)] == [False]
+    assert not reward_signal(told, rollout).ends_at_limit
+
+
+def test_a_signal_that_ends_at_the_limit_is_worth_its_last_step_alone():
+    one, steps = agent(normalise_observations=False), rollout(10)
+    signals = [Signal(steps.rewards, 0.9, 0.0), Signal(steps.rewards, 0.9, 0.0, ends_at_limit=True)]
+    on, over = one.samples(steps, signals).targets
+    row = 4 * N + 1
+    assert over[row].item() == pytest.approx(steps.rewards[4, 1].item()) and abs(float(on[row] - over[row])) > 1e-3
 
 
 @pytest.mark.parametrize(("name", "memory"), [("FOCOPS", {}), ("OnCRPO", {}), ("CPO", GRU)])

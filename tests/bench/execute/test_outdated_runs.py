@@ -130,6 +130,26 @@ def test_critics_are_asymmetric_in_some_stage_as_far_as_this_copy_knows_it(stage
     assert some_critics_are_asymmetric(stages) is expected
 
 
+@pytest.mark.parametrize(
+    ("algorithm", "settings", "expected"),
+    [
+        ("PPO", {}, False),
+        ("FOCOPS", {}, False),
+        ("FOCOPS", {"policy": "cnn"}, True),
+        ("TD3Lag", {"asymmetric_critics": True}, True),
+        ("CCEPETS", {}, False),
+    ],
+)
+def test_only_critics_of_costs_that_are_told_the_share_of_steps_depend_on_deadlines(
+    algorithm: str, settings: dict, expected: bool
+):
+    sees = {"observation": "rgb"} if "policy" in settings else {}
+    suite = Suite("mine", (Arm(algorithm, settings=settings, **sees),))
+    found = versions_of(suite, Run("train", suite.arms[0].label, 0))
+    assert found.get("deadlines") == (versions.DEADLINES if expected else None)
+    assert reading.versions_today(suite.as_data(), suite.arms[0].label, found) == found
+
+
 def test_runs_that_see_no_frames_depend_on_neither_renderer_nor_encoder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -243,9 +243,8 @@ def test_the_packaged_policy_and_those_that_begin_with_it_are_ranked_among_thems
     folder = write(tmp_path / "mine", replace(SUITE, arms=(*ARMS, begun), packaged=True))
     made = json.loads((folder / "versions.json").read_text())
     critics = some_critics_are_asymmetric([("FOCOPS", begun.settings, "default")])
-    own = current_versions(
-        "train", ["FOCOPS"], observation="rgb+mask", asymmetric_critics=critics, begins_with_packaged=True
-    )
+    sees = {"observation": "rgb+mask", "asymmetric_critics": critics, "told_cost_critics": critics}
+    own = current_versions("train", ["FOCOPS"], **sees, begins_with_packaged=True)
     write_versions(folder, made | {f"FOCOPS-imitated-{seed}": own for seed in range(3)})
     page = leaderboard([folder])
     assert "## Not ranked" not in page

@@ -66,11 +66,11 @@ def td_target(signals: Tensor, not_terminated: Tensor, next_values: Tensor, disc
 
     Args:
         signals: x [S, B], reward and costs of the step.
-        not_terminated: 1 - terminated [B], as floats; a truncated step keeps its bootstrap value.
+        not_terminated: 1 - terminated [S, B], as floats; a truncated step keeps the bootstrap value of a signal that
+            goes on beyond the limit.
         next_values: V(s') [S, B], at the observation that the step reached.
         discounts: γ [S, 1].
     """
     rank(2, signals=signals, discounts=discounts)
-    same_shape(signals=signals, next_values=next_values)
-    same_shape(not_terminated=not_terminated, one_signal=signals[0])
+    same_shape(signals=signals, next_values=next_values, not_terminated=not_terminated)
     return signals + discounts * (not_terminated * next_values)

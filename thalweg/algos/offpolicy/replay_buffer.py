@@ -41,7 +41,7 @@ class Batch:
     signals: Tensor
     """[1 + M, B], the reward and then the costs."""
     continues: Tensor
-    """[B], 0 where the episode terminated, else 1, also where it was truncated."""
+    """[1 + M, B], whether anything comes after the step, see `Transitions`."""
 
 
 class Transitions(NamedTuple):
@@ -60,7 +60,9 @@ class Transitions(NamedTuple):
     signals: Tensor
     """[S, 1 + M], the reward and then the costs."""
     continues: Tensor
-    """[S] float32, 0 where the episode terminated, else 1."""
+    """[S, 1] float32 for all signals, 0 where the episode terminated, else 1, also where it was truncated. With numbers
+    that only critics see [S, 1 + M], a column for each signal: of costs it is 0 at a truncation too, since these
+    critics are told when the step limit comes."""
 
 
 class ReplayBuffer:
@@ -75,8 +77,8 @@ class ReplayBuffer:
         The operating system provides the memory only as it fills.
         """
         self.size, self._obs, self._critic_obs, self._action, self._signals = size, obs, critic_obs, action, 1 + costs
-        self._seen = obs + critic_obs
-        self.rows = torch.empty(size, 2 * self._seen + action + 1 + costs + 1, device=device)
+        self._seen, self._ends = obs + critic_obs, self._signals if critic_obs else 1
+        self.rows = torch.empty(size, 2 * self._seen + action + self._signals + self._ends, device=device)
         """[R, ...] observation, C numbers, action, both after the step, reward, costs, continues."""
         self.filled, self._next = 0, 0
 
@@ -85,7 +87,7 @@ class ReplayBuffer:
 
         Raises `NotFiniteError` for NaN or infinity.
         """
-        rows = torch.cat([*steps[:-1], steps.continues.unsqueeze(1)], 1)[-self.size :]
+        rows = torch.cat([*steps], 1)[-self.size :]
         require_finite(**{"reward and costs": float(steps.signals.sum()), "the replay": float(rows.sum())})
         before_wrap = rows[: self.size - self._next]
         after_wrap = rows[len(before_wrap) :]
@@ -115,11 +117,12 @@ class ReplayBuffer:
     def batch(self, rows: Tensor) -> Batch:
         """Return the fields of rows, as views of them."""
         seen, actions, next_seen, signals, continues = rows.split(
-            [self._seen, self._action, self._seen, self._signals, 1], 1
+            [self._seen, self._action, self._seen, self._signals, self._ends], 1
         )
         obs, next_obs = (seen[:, : self._obs], next_seen[:, : self._obs]) if self._critic_obs else (seen, next_seen)
         seen_actions = rows[:, : self._seen + self._action]
-        return Batch(obs, seen, actions, seen_actions, next_obs, next_seen, signals.T, continues[:, 0])
+        continues = continues.T.expand(self._signals, -1)
+        return Batch(obs, seen, actions, seen_actions, next_obs, next_seen, signals.T, continues)
 
     def state(self) -> dict[str, Any]:
         """Return the state as arrays and plain data: the filled rows only."""
@@ -150,6 +153,9 @@ def valid_transitions(rollout: Rollout, critic_size: int = 0) -> Transitions:
         before, after = _before_and_after(told, final, rollout.final_index, valid)
     else:
         before, after = obs[:, :0], next_obs[:, :0]
+    ends = [rollout.terminated]
+    if critic_size:
+        ends += [rollout.terminated | rollout.truncated] * rollout.costs.shape[-1]
     return Transitions(
         obs,
         before,
@@ -157,7 +163,7 @@ def valid_transitions(rollout: Rollout, critic_size: int = 0) -> Transitions:
         next_obs,
         after,
         torch.cat([rollout.rewards.unsqueeze(-1), rollout.costs], -1).flatten(0, 1)[valid],
-        (~rollout.terminated).flatten()[valid].float(),
+        (~torch.stack(ends, -1)).flatten(0, 1)[valid].float(),
     )
 
 

@@ -319,8 +319,13 @@ def reward_signal(config: OnPolicyConfig, rollout: Rollout) -> Signal:
 
 
 def cost_signals(config: ConstrainedConfig, rollout: Rollout) -> list[Signal]:
-    """Return each cost as a signal that one of the other critics predicts."""
-    return [Signal(cost, config.cost_discount, config.cost_trace) for cost in rollout.costs.unbind(-1)]
+    """Return each cost as a signal that one of the other critics predicts.
+
+    Critics that are told the share of steps know when the step limit comes, at which the cost of the episode is
+    complete; if their targets went on beyond it, its last cost would be charged again and again at a share of 1.
+    """
+    told = config.told_critics and rollout.critic_obs is not None
+    return [Signal(cost, config.cost_discount, config.cost_trace, told) for cost in rollout.costs.unbind(-1)]
 
 
 def cost_advantages(config: ConstrainedConfig, samples: Samples) -> Tensor:

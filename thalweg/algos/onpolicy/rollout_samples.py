@@ -28,6 +28,9 @@ class Signal:
     """[T, N]."""
     discount: float
     trace: float
+    ends_at_limit: bool = False
+    """Whether its sum ends where a step limit cuts an episode off, as at a termination, and goes on beyond it
+    otherwise."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +138,7 @@ def samples_of(
                 signal.values,
                 values[k, :-1],
                 next_values[k],
-                rollout.terminated,
+                rollout.terminated | rollout.truncated if signal.ends_at_limit else rollout.terminated,
                 rollout.truncated,
                 discount=signal.discount,
                 trace=signal.trace,

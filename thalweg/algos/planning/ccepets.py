@@ -89,7 +89,7 @@ def value_loss(values: Tensor, next_values: Tensor, rewards: Tensor, terminated:
     """
     gamma = values.new_tensor([[discount]])
     continues = (~terminated).to(values.dtype)
-    target = advantages.td_target(rewards.unsqueeze(0), continues, next_values.unsqueeze(0), gamma)
+    target = advantages.td_target(rewards.unsqueeze(0), continues.unsqueeze(0), next_values.unsqueeze(0), gamma)
     return losses.squared_error(values.unsqueeze(0), target)[0]
 
 

@@ -206,7 +206,7 @@ class SafeLOOP:
             next_v = self.agent.bounded(next_v, self.method.unit, *self._entropy_slack(weight))
             target = advantages.td_target(
                 (batch.rewards / self.method.unit).unsqueeze(0),
-                (~batch.terminated).float(),
+                (~batch.terminated).float().unsqueeze(0),
                 next_v.unsqueeze(0),
                 next_v.new_tensor([[self.config.discount]]),
             )

@@ -33,6 +33,7 @@ from thalweg.bench.results.run_versions import (
     current_versions,
     read_sources,
     read_versions,
+    some_cost_critics_are_told,
     some_critics_are_asymmetric,
 )
 from thalweg.bench.suite.arms import Run
@@ -205,15 +206,14 @@ def versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
     if run.kind != "train":
         return current_versions(run.kind, [run.algorithm], **where)
     arm = suite.arm(run.algorithm)
-    stages = [*arm.before, arm]
+    stages = [(stage.algorithm, stage.settings, stage.preset) for stage in (*arm.before, arm)]
     return current_versions(
         run.kind,
-        [stage.algorithm for stage in stages],
+        [algorithm for algorithm, _, _ in stages],
         observation=suite.observation_of(run) or FRAMES,
         encoder=suite.encoder_of(run),
-        asymmetric_critics=some_critics_are_asymmetric(
-            (stage.algorithm, stage.settings, stage.preset) for stage in stages
-        ),
+        asymmetric_critics=some_critics_are_asymmetric(stages),
+        told_cost_critics=some_cost_critics_are_told(stages),
         begins_with_packaged=bool(arm.begin_with),
         **where,
     )

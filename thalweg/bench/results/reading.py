@@ -30,6 +30,7 @@ from thalweg.bench.results.run_versions import (
     current_versions,
     read_sources,
     read_versions,
+    some_cost_critics_are_told,
     some_critics_are_asymmetric,
     version_label,
 )
@@ -207,6 +208,7 @@ def versions_today(suite: Mapping[str, Any], policy: str, recorded: Versions) ->
             observation=observation_of(suite, arm),
             encoder=encoder_of(suite, arm),
             asymmetric_critics=some_critics_are_asymmetric(stages),
+            told_cost_critics=some_cost_critics_are_told(stages),
             begins_with_packaged=bool(arm.get("begin_with")),
             **where,
         )
@@ -215,6 +217,7 @@ def versions_today(suite: Mapping[str, Any], policy: str, recorded: Versions) ->
             "train",
             [name for name in recorded if version_of(name) is not None],
             asymmetric_critics=True,
+            told_cost_critics=True,
             **where,
         )
         | current_versions("train", (), encoder=GEOMETRY)

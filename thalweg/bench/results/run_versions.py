@@ -18,7 +18,7 @@ from thalweg.core.plugins.record import Plugin, PluginError
 from thalweg.encoder import encoder_plugin
 from thalweg.env.tasks import TASKS, Task, task_plugin
 from thalweg.train.observations import FRAMES, PRIVILEGED
-from thalweg.train.run import has_asymmetric_critics
+from thalweg.train.run import has_asymmetric_critics, tells_cost_critics
 
 FILE = "versions.json"
 EVALUATION = "evaluation"
@@ -44,6 +44,7 @@ def current_versions(
     observation: str = FRAMES,
     encoder: str = DEFAULT,
     asymmetric_critics: bool = False,
+    told_cost_critics: bool = False,
     begins_with_packaged: bool = False,
     task: str = "River",
     forces: bool = False,
@@ -54,7 +55,8 @@ def current_versions(
     `algorithms` are those of all stages of its training, or a baseline's name; the version of a function is not among
     them. `observation` is what a trained policy sees: only codes of frames depend on the packaged `encoder` of this
     name, and only the privileged observation does not depend on the renderer; `asymmetric_critics` is whether the
-    critics of some stage see the privileged one as well, and `begins_with_packaged` whether training begins with the
+    critics of some stage see the privileged one as well, `told_cost_critics` whether critics of costs are among them,
+    and `begins_with_packaged` whether training begins with the
     packaged policy, which sees images; baselines see nothing. Only results of a `task` beside the paper's depend on
     the tasks, where frames show its objects, on these, and where a policy is trained, on deadlines; only those under
     `forces` on wind, current and inertia, and only those of a suite with other `banks` than forest on these.
@@ -84,7 +86,7 @@ def current_versions(
     if kind == "function":
         return flown | seen
     learning = {name: version_of(name) for name in algorithms}
-    if task != "River":
+    if task != "River" or told_cost_critics:
         learning["deadlines"] = versions.DEADLINES
     return flown | seen | (packaged if begins_with_packaged else {}) | {"training": versions.TRAINING} | learning
 
@@ -103,15 +105,21 @@ def some_critics_are_asymmetric(stages: Iterable[tuple[str, Mapping[str, Any], s
 
     They do not if this copy of Thalweg lacks the algorithm, the preset or a setting.
     """
-    return any(_critics_are_asymmetric(*stage) for stage in stages)
+    return any(has_asymmetric_critics(_config_of(*stage)) for stage in stages)
 
 
-def _critics_are_asymmetric(algorithm: str, settings: Mapping[str, Any], preset: str) -> bool:
+def some_cost_critics_are_told(stages: Iterable[tuple[str, Mapping[str, Any], str]]) -> bool:
+    """Return whether critics of costs are among those of `some_critics_are_asymmetric`."""
+    return any(tells_cost_critics(_config_of(*stage)) for stage in stages)
+
+
+def _config_of(algorithm: str, settings: Mapping[str, Any], preset: str) -> Any:
+    """Return the config of a stage of training; None if this copy of Thalweg lacks something of it."""
     entry = installed_algorithm(algorithm)
     try:
-        return entry is not None and has_asymmetric_critics(entry.configure(dict(settings), preset))
+        return None if entry is None else entry.configure(dict(settings), preset)
     except AlgorithmError:
-        return False
+        return None
 
 
 def plugin_of(name: str) -> Plugin | None:

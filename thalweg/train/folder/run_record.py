@@ -51,13 +51,13 @@ def device_identity(kind: str) -> dict[str, Any]:
 
 def made_with(identity: dict[str, Any], learner: Mapping[str, int]) -> dict[str, int]:
     """Return the versions of what the numbers of a run depend on beside those in its context: of its learner by name
-    (empty where the context has it), the training loop, and, on a river, its world, its rules and, in a task beside the
-    paper's, deadlines."""
-    rules = identity.get("context", {}).get("env")
+    (empty where the context has it), the training loop, on a river its world and its rules, and in a task beside the
+    paper's, or where critics of costs are told more than the observation, deadlines."""
+    rules, settings = identity.get("context", {}).get("env"), identity.get("config", {})
     rivers = {} if rules is None else {"rules": versions.RULES, "world": versions.WORLD}
-    if rules is not None and rules.get("task", "River") != "River":
-        rivers["deadlines"] = versions.DEADLINES
-    return {**learner, "training": versions.TRAINING, **rivers}
+    is_other_task = (rules or {}).get("task", "River") != "River"
+    ends = is_other_task or ("critic_size" in identity and "cost_limit" in settings)
+    return {**learner, "training": versions.TRAINING, **rivers, **({"deadlines": versions.DEADLINES} if ends else {})}
 
 
 def describe(identity: dict[str, Any], threads: int, learner: Mapping[str, int]) -> dict[str, Any]:

@@ -124,7 +124,7 @@ def eye(results: Results, other: Results | None) -> Headline | None:
     )
     if len(whole) > 2:
         values = [[mean_estimate(flown(each, name), "return_").value for name in whole] for each in (results, other)]
-        alike = stats.spearmanr(*values).statistic
+        alike = float(stats.spearmanr(values[0], values[1])[0])  # pyright: ignore[reportArgumentType]
         orders = f"both orders of these {len(whole)} algorithms"
         sentence += f" The rank correlation of {orders} is {alike:.2f} (no interval)."
     if fewer := [name for name in names if name not in whole]:

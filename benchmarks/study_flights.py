@@ -94,7 +94,7 @@ def by_seed_change(after: Episodes, before: Episodes) -> Estimate:
     seeds = {row.seed for row in after} & {row.seed for row in before}
     both = [[row for row in rows if row.seed in seeds] for rows in (after, before)]
     try:
-        return unpaired_difference(*(score_matrix(rows) for rows in both), "return_")
+        return unpaired_difference(score_matrix(both[0]), score_matrix(both[1]), "return_")
     except ValueError:
         later, earlier = (float(np.mean([row.return_ for row in rows])) for rows in both)
         return Estimate(later - earlier)

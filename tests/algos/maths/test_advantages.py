@@ -96,8 +96,9 @@ def test_td_targets_of_two_signals_with_different_discounts():
 
 
 def test_a_signal_may_go_on_where_another_one_ends():
-    twice = [torch.tensor([[1.0], [1.0]], dtype=F64), torch.tensor([[1.0], [0.0]], dtype=F64)]
-    found = td_target(*twice, torch.tensor([[4.0], [4.0]], dtype=F64), torch.tensor([[0.5], [0.5]], dtype=F64))
+    rewards, goes_on = torch.tensor([[1.0], [1.0]], dtype=F64), torch.tensor([[1.0], [0.0]], dtype=F64)
+    values, discounts = torch.tensor([[4.0], [4.0]], dtype=F64), torch.tensor([[0.5], [0.5]], dtype=F64)
+    found = td_target(rewards, goes_on, values, discounts)
     assert found.tolist() == [[3.0], [1.0]]
 
 

@@ -143,8 +143,8 @@ def test_critics_are_asymmetric_in_some_stage_as_far_as_this_copy_knows_it(stage
 def test_only_critics_of_costs_that_are_told_the_share_of_steps_depend_on_deadlines(
     algorithm: str, settings: dict, expected: bool
 ):
-    sees = {"observation": "rgb"} if "policy" in settings else {}
-    suite = Suite("mine", (Arm(algorithm, settings=settings, **sees),))
+    arm = Arm(algorithm, settings=settings, observation="rgb" if "policy" in settings else None)
+    suite = Suite("mine", (arm,))
     found = versions_of(suite, Run("train", suite.arms[0].label, 0))
     assert found.get("deadlines") == (versions.DEADLINES if expected else None)
     assert reading.versions_today(suite.as_data(), suite.arms[0].label, found) == found

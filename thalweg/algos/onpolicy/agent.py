@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 import gymnasium as gym
 import torch
@@ -318,7 +318,20 @@ def reward_signal(config: OnPolicyConfig, rollout: Rollout) -> Signal:
     return Signal(rollout.rewards, config.discount, config.trace)
 
 
-def cost_signals(config: ConstrainedConfig, rollout: Rollout) -> list[Signal]:
+class CostSignalSettings(Protocol):
+    """Settings that the signals of costs depend on."""
+
+    @property
+    def cost_discount(self) -> float: ...
+
+    @property
+    def cost_trace(self) -> float: ...
+
+    @property
+    def told_critics(self) -> bool: ...
+
+
+def cost_signals(config: CostSignalSettings, rollout: Rollout) -> list[Signal]:
     """Return each cost as a signal that one of the other critics predicts.
 
     Critics that are told the share of steps know when the step limit comes, at which the cost of the episode is

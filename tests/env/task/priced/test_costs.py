@@ -101,7 +101,8 @@ def test_cost_is_the_sum_of_its_kinds_those_of_an_ending_included(task: str):
         loose = told["done_reason"] in (3, 4)
         assert tuple(told["costs"][:2]) == (float(tight), 0.2 * loose)
         endings += told["costs"][:2].sum()
-        assert told["truncated"] == (told["done_reason"] == 5)
+        ended = told["terminated"], told["truncated"]
+        assert ended == (told["done_reason"] >= 0, False)  # a deadline is a part of its task
     assert endings > 0 or task != "Portage"
 
 

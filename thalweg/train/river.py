@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal, Unpack, cast, get_args
 
+from thalweg.algos.policy.policy import OptionCopy
 from thalweg.algos.registry import algorithm_named
 from thalweg.core import versions
 from thalweg.core.compute.device import resolve_device
@@ -24,6 +25,7 @@ from thalweg.env.tasks import task_plugin
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.train.encoder_of_run import check_camera_fits, file_of_its_own, tell_other_optics
 from thalweg.train.errors import TrainingError
+from thalweg.train.fast_steps import fast_step_in_words, fast_step_of
 from thalweg.train.folder.run_record import RUN_FOLDER, TASK_PLUGIN, read_context
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
 from thalweg.train.numbers import NumbersTensorEnv, NumbersVectorEnv
@@ -233,7 +235,7 @@ class RiverTraining:
                 "cost_limits are limits of tight and loose costs, but this task has also"
                 f" {', '.join(self.config.cost_kinds[2:])}: set cost_limit, that of their sum"
             )
-        begun = None if how.begin_with is None else load_policy(how.begin_with)
+        begun, copied = self._begun(how.begin_with)
         seen = observation_of_run(sees_images(resolved), encoder, observation, begun)
         felt = proprioception or "proprioception" in self.config.parts
         check_parts(seen, felt, self.config.observation)
@@ -261,10 +263,21 @@ class RiverTraining:
                 context=context,
                 progress=True,
                 threads=threads,
+                copied_option=copied,
                 **common,
             )
         finally:
             env.close()
+
+    def _begun(self, begin_with: str | Path | None) -> tuple[Any, OptionCopy | None]:
+        """Return the policy that a run begins with, None for none, and which option of it becomes a fast step, which is
+        told; raises the errors of `load_policy` and `fast_step_of`."""
+        if begin_with is None:
+            return None, None
+        begun = load_policy(begin_with)
+        if (copied := fast_step_of(begun, self.config.task)) is not None:
+            notice(fast_step_in_words(begun, self.config.task))
+        return begun, copied
 
     def _check_fits(self, begun: Any, encoder: Encoder | None, seen: str, felt: bool) -> None:
         """Raise the errors of `check_policy_fits` for the policy to begin with, None for none, and of

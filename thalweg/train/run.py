@@ -58,6 +58,7 @@ class ExecutionOptions(CommonExecution, total=False):
     progress: bool
     checkpoint_seconds: float
     threads: int
+    copied_option: policies.OptionCopy | None
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ class Execution:
     device: str = "cpu"
     begin_with: str | Path | None = None
     graphs: bool = False
+    copied_option: policies.OptionCopy | None = None
 
 
 def run(
@@ -106,6 +108,8 @@ def run(
         device: Device of the learner and of an environment of tensors, "cpu" by default; see `core.compute.device`.
         begin_with: Folder of a run or policy file from which the policy is initialised; critics start anew, and learn
             alone during the config's `critic_warmup_steps`.
+        copied_option: Option of the policy that the run begins with which takes the meaning of another one, because it
+            means something else here; none by default.
         graphs: Whether to record gradient steps of DDPGLag, TD3Lag and SACLag as CUDA graphs; not by default.
 
     Raises:
@@ -134,7 +138,7 @@ def run(
     identity = settings | _task_identity(task, learner, collector)
     if how.begin_with is not None:
         check_warmup(resolved, steps, task.num_envs)
-        identity["begin_with"] = initialise_policy(learner.policy, policy_file(how.begin_with))
+        identity["begin_with"] = initialise_policy(learner.policy, policy_file(how.begin_with), how.copied_option)
         learner.warm_up_critics()
     elif getattr(resolved, "imitation_kl", 0.0):
         raise AlgorithmError(

@@ -181,16 +181,19 @@ def load_policy(path: str | Path, device: str = "cpu") -> Any:
     return policies.load_policy(policy_file(path), torch.device(resolve_device(device)))
 
 
-def initialise_policy(policy: Any, file: Path) -> dict[str, str]:
-    """Initialise a policy from a policy file, and return what identifies the file.
+def initialise_policy(policy: Any, file: Path, copied: policies.OptionCopy | None = None) -> dict[str, Any]:
+    """Initialise a policy from a policy file, and return what identifies the file, and what is `copied` in it.
 
     Raises `AlgorithmError` for a planner, and for a file of a policy of another kind.
     """
     if not isinstance(policy, policies.Policy):
         raise AlgorithmError(f"{policy.about.algorithm} is a planner and can't start from the policy of another run")
     other = policies.load_policy(file, policy.device)
+    if copied is not None and isinstance(other, policies.Policy):
+        other.copy_option(copied)
     policy.initialise_from(other)
-    return {"algorithm": other.about.algorithm, "content": file_hash(file)}
+    changed = {} if copied is None else {"copied_option": copied._asdict()}
+    return {"algorithm": other.about.algorithm, "content": file_hash(file), **changed}
 
 
 def policy_file(path: str | Path) -> Path:

@@ -5,7 +5,7 @@ Letters: N environments, B states, D numbers of an observation, K frames that ar
 
 import math
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -33,6 +33,18 @@ from thalweg.core.compute.torch_threads import torch_threads
 
 DEFAULT_SHAPE = NetworkShape()
 NO_ORIGIN = About()
+
+
+class OptionCopy(NamedTuple):
+    """An option that takes the meaning of another one of its branch, and is rarer than it."""
+
+    branch: int
+    option: int
+    """Number of the option in its branch."""
+    like: int
+    """That of the option whose weights it takes."""
+    times_rarer: float
+    """In every state it is as many times less probable."""
 
 
 class Player(Protocol):
@@ -151,6 +163,19 @@ class Policy:
             self.actor.stack.scale_outputs(self.temperature / other.temperature)
         self.normaliser.load_state(other.normaliser.state())
         self.origin = other
+
+    def copy_option(self, copy: OptionCopy) -> None:
+        """Give an option the weights of another one, with a bias lower by ln k, so that it is k times less probable;
+        what other options have of the rest of the probability stays.
+
+        Raises `AlgorithmError` for a policy that is not categorical.
+        """
+        if self.actions.kind != "categorical":
+            raise AlgorithmError(f"the policy is {self.actions.kind}: it has no weights of options")
+        first, (weight, bias) = sum(self.actions.sizes[: copy.branch]), self.actor.stack.layers[-1]
+        for part in (weight, bias):
+            part[..., first + copy.option] = part[..., first + copy.like]
+        bias[..., first + copy.option] -= self.temperature * math.log(copy.times_rarer)
 
     def _kind(self) -> dict[str, Any]:
         """Return what must be equal for one policy to start from another, by the names of settings."""

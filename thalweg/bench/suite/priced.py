@@ -74,7 +74,10 @@ def seeing_arms(task: TaskName) -> tuple[Arm, ...]:
 
 def _with_convolutions(task: TaskName) -> tuple[Arm, ...]:
     """Return arms of policies that learn their convolutions too: PPOLag from nothing, and PPOLag and CPO from the
-    packaged policy, which was imitated on the paper's task, with a KL from it that vanishes after half of the run."""
+    packaged policy, which was imitated on the paper's task, with a KL from it that vanishes after half of the run.
+
+    That task has no fast step; `thalweg.train.fast_steps` says which share of the moves forward are fast at first.
+    """
     limit = LIMITS[task][1]
     settings = {"policy": "cnn"} | _constant(limit)
     near = settings | {"imitation_kl": 1.0, "imitation_kl_share": 0.5}

@@ -15,7 +15,7 @@ from thalweg.cli.flown_camera import camera_in_words, flown_camera
 from thalweg.cli.main import main
 from thalweg.cli.options import UsageError
 from thalweg.core.cache import file_hash
-from thalweg.env import EnvConfig
+from thalweg.env import ConfigError, EnvConfig
 from thalweg.render import Camera, Renderer
 from thalweg.render.records import calibration
 from thalweg.render.records.calibration import camera_of_calibration
@@ -38,6 +38,31 @@ def test_a_run_flies_through_the_encoder_that_it_was_trained_with(
     assert loaded == [given or own]
 
 
+@pytest.mark.parametrize(
+    ("trained", "given", "hard"),
+    [
+        ({"task": "Nests", "hard": True}, {}, True),
+        ({"task": "Nests", "hard": True}, {"no_hard": True}, False),
+        ({"task": "Nests", "hard": False}, {}, False),
+        ({"task": "Nests"}, {"hard": True}, True),
+        ({"task": "Nests", "hard": True}, {"task": "Swimmers"}, True),
+        ({"task": "Nests", "hard": True}, {"task": "River"}, False),
+        ({}, {}, False),
+    ],
+)
+def test_a_policy_flies_in_the_mode_that_it_was_trained_in_unless_another_is_chosen(
+    trained: dict[str, Any], given: dict[str, Any], hard: bool
+):
+    policy: Any = SimpleNamespace(about=SimpleNamespace(context={"env": trained}), obs_size=16)
+    assert Evaluate("run", **given).config_for(policy).env.hard is hard
+
+
+def test_the_hard_mode_of_the_papers_task_is_refused():
+    policy: Any = SimpleNamespace(about=SimpleNamespace(context={}), obs_size=16)
+    with pytest.raises(ConfigError, match="hard must be False in the task River"):
+        Evaluate("run", hard=True).config_for(policy)
+
+
 def test_the_packaged_policy_samples_if_asked_to():
     policy: Any = load_named_policy("packaged")
     sampled: Any = sampling(policy, "packaged")
@@ -56,6 +81,7 @@ def test_a_policy_that_gives_one_action_has_none_to_sample():
     [
         (["hover", "--sample"], "--sample is for policies with probabilities of actions; hover has none"),
         (["packaged", "--sample", "--deterministic"], "give --sample or --deterministic, not both"),
+        (["hover", "--task", "Nests", "--hard", "--no-hard"], "give --hard or --no-hard, not both"),
         (["hover", "--encoder", "none"], "hover sees no frames: leave --encoder none out"),
         (["hover", "--camera", "fov_deg=75"], "hover sees no frames: leave --camera fov_deg=75 out"),
         (

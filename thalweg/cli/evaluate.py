@@ -4,9 +4,9 @@ import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tyro.conf import Positional
+from tyro.conf import FlagCreatePairsOff, Positional
 
 from thalweg.cli.command import Command
 from thalweg.cli.forces import STILL, Forces
@@ -48,8 +48,10 @@ class Evaluate(Command):
     """Take the most probable action instead of sampling."""
     task: str | None = None
     """River, Swimmers, Nests, RacingLine or Portage; by default that on which the policy was trained."""
-    hard: bool = False
-    """End an episode at the first cost of the task; not for River."""
+    hard: Annotated[bool, FlagCreatePairsOff] = False
+    """End an episode at the first cost of the task; not for River. Policies that were trained so fly so without it."""
+    no_hard: Annotated[bool, FlagCreatePairsOff] = False
+    """Let episodes go on after a cost of the task, also those of a policy that was trained with --hard."""
     forces: Forces = STILL
     quality: Literal["full", "fast"] = "full"
     """Quality of the frames that policies see; the names of results with `fast` say so."""
@@ -72,18 +74,20 @@ class Evaluate(Command):
     plugin: Plugins = ()
 
     def config_for(self, policy: "Policy | RecurrentPolicy") -> "EvaluationConfig":
-        """Return the config of the flights of a policy: task and forces that are not given are those that it was
-        trained with. Raises `UsageError` and `ConfigError`."""
+        """Return the config of the flights of a policy: task, hard mode and forces that are not given are those that it
+        was trained with; River has no hard mode. Raises `UsageError` and `ConfigError`."""
         from thalweg.bench.evaluate.course import EvaluationConfig
         from thalweg.cli.flown_camera import flown_camera
         from thalweg.env import EnvConfig
-        from thalweg.train.observations import action_of, forces_of, task_of
+        from thalweg.env.tasks import PAPER_TASK
+        from thalweg.train.observations import action_of, flies_hard, forces_of, task_of
 
         task = checked_task(self.task or task_of(policy))
+        inherited = task != PAPER_TASK and not self.no_hard and flies_hard(policy)
         rules = EnvConfig(
             observation="none",
             task=task,
-            hard=self.hard,
+            hard=self.hard or inherited,
             vehicle=self.vehicle,
             action=action_of(policy),
             camera=flown_camera(policy, self.policy, self.camera),
@@ -101,6 +105,8 @@ class Evaluate(Command):
 
         if self.sample and self.deterministic:
             raise UsageError("give --sample or --deterministic, not both")
+        if self.hard and self.no_hard:
+            raise UsageError("give --hard or --no-hard, not both")
         if self.out is not None:
             check_file("--out", self.out, ".csv")
         reach = self.river.reach("--levels", self.levels, levels_have_banks=True)

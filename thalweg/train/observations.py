@@ -70,6 +70,11 @@ def task_of(policy: Any) -> str:
     return context_of(policy).get("env", {}).get("task", "River")
 
 
+def flies_hard(policy: Any) -> bool:
+    """Return whether a policy was trained in the hard mode of its task, see `EnvConfig.hard`."""
+    return bool(context_of(policy).get("env", {}).get("hard", False))
+
+
 def forces_of(policy: Any) -> ForceOptions:
     """Return wind, current and dynamics under which a policy was trained; none if it does not say it."""
     return ForceOptions.of_env_data(context_of(policy).get("env", {}))

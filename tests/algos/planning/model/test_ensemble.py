@@ -14,6 +14,7 @@ from thalweg.algos.planning.model.fitting import Fitter, _decays
 from thalweg.algos.planning.model.transitions import Batch, ReplayBuffer
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.mlp_autograd import layers_of
+from thalweg.algos.policy.normaliser import Normaliser
 
 
 def batch_for(ensemble: Ensemble, count: int = 5, seed: int = 0, costs: int = 1) -> Batch:
@@ -73,6 +74,37 @@ def test_state_loss_ignores_frames_after_a_termination():
     other = replace(batch, next_frame=torch.where(batch.terminated.unsqueeze(-1), 1e3, batch.next_frame))
     with torch.no_grad():
         assert torch.equal(ensemble.losses(batch, 10.0), ensemble.losses(other, 10.0))
+
+
+def test_changes_beyond_the_bound_of_normalised_frames_do_not_count():
+    """Of a number at mean ± 7, 6, 5, 4 deviations; the second number does not vary, the third stays within."""
+    ensemble = ensemble_for()
+    ensemble.observed = Normaliser(3)
+    ensemble.observed.update(torch.tensor([[1.0, 4.0, 0.0], [5.0, 4.0, 2.0]]))  # means 3, 4, 1; deviations 2, 0, 1
+    ends = [(7.0, 6.0), (6.0, 4.0), (4.0, 7.0), (-6.0, 7.0), (-4.0, -3.0)]
+    obs, after = (torch.tensor([[3.0 + 2.0 * end[i], 4.0 + i, 1.0 + i] for end in ends]) for i in (0, 1))
+    batch = replace(batch_for(ensemble), obs=obs, next_frame=after)
+    assert ensemble.change_of(batch)[:, 0].tolist() == pytest.approx([0.0, -2.0, 2.0, 20.0, 2.0])
+    assert ensemble.change_of(batch)[:, 1:].tolist() == [[1.0, 1.0]] * 5
+    shown = (ensemble.normalised(after) - ensemble.normalised(obs))[:, 0]
+    assert (ensemble.change_of(batch)[:, 0] * ensemble.observed.scale[0]).tolist() == pytest.approx(shown.tolist())
+    ensemble.observed = Normaliser(3, enabled=False)
+    assert torch.equal(ensemble.change_of(batch), after - obs)
+
+
+def test_losses_statistics_and_errors_take_the_clipped_change():
+    """A frame far beyond the bound counts as one at it."""
+    ensemble = ensemble_for()
+    batch = batch_for(ensemble)
+    bound = ensemble.observed.limited(torch.full((3,), 1e6))
+    far, at = (replace(batch, next_frame=end.expand(5, 3)) for end in (torch.tensor([1e6] * 3), bound))
+    with torch.no_grad():
+        assert torch.equal(ensemble.losses(far, 10.0), ensemble.losses(at, 10.0))
+    assert torch.equal(ensemble.expected(far)[1], ensemble.expected(at)[1])
+    other = ensemble_for()
+    ensemble.update_statistics(far)
+    other.update_statistics(at)
+    assert torch.equal(ensemble.change.std, other.change.std) and torch.equal(ensemble.change.mean, other.change.mean)
 
 
 @pytest.mark.parametrize("costs", [[0.0, 0.2], [0.0, 1.0, 0.2], [-1.0, 3.0], [0.5, 0.5]])

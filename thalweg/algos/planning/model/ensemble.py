@@ -141,8 +141,7 @@ class Ensemble:
     def update_statistics(self, batch: Batch) -> None:
         """Update the statistics with new transitions."""
         self.observed.update(batch.obs[:, -self.layout.frame :])
-        continues = ~batch.terminated
-        self.change.update((batch.next_frame - batch.obs[:, -self.layout.frame :])[continues])
+        self.change.update(self.change_of(batch)[~batch.terminated])
         self.reward.update(batch.rewards.unsqueeze(-1))
         if len(batch.obs):
             low, high = (
@@ -158,6 +157,15 @@ class Ensemble:
     def normalised(self, obs: Tensor) -> Tensor:
         """Return the inputs of the networks: observations [..., K * D] with each frame normalised."""
         return self.observed(obs.unflatten(-1, (self.frames, -1))).flatten(-2)
+
+    def change_of(self, batch: Batch) -> Tensor:
+        """Return the change of the frame [..., D] in its own units, as far as normalised frames show it.
+
+        Inputs and imagined frames are clipped, and so are both ends of a change: of a number that stays beyond the
+        bound, nothing changes.
+        """
+        limited = self.observed.limited
+        return limited(batch.next_frame) - limited(batch.obs[..., -self.layout.frame :])
 
     def cost_shares(self, costs: Tensor) -> Tensor:
         """Return the costs [..., C] scaled by their range to 0..1; the sigmoid of each cost head predicts their mean.
@@ -180,8 +188,7 @@ class Ensemble:
         out = self.stack(x)
         mean, reward, raw, cost, end = (out[..., part] for part in self.layout.slices)
         continues = (~batch.terminated).to(out.dtype).expand(out.shape[:-1])
-        change = batch.next_frame - batch.obs[..., -self.layout.frame :]
-        target = ((change - self.change.mean) / self.change.std).expand_as(mean)
+        target = ((self.change_of(batch) - self.change.mean) / self.change.std).expand_as(mean)
         variance = dynamics.bounded_variance(raw, *self.bounds)
         state = dynamics.gaussian_nll(mean, variance, target).mean(-1) * continues
         wanted = ((batch.rewards - self.reward.mean) / self.reward.std).expand(out.shape[:-1])
@@ -210,8 +217,7 @@ class Ensemble:
             low + (high - low) * torch.sigmoid(cost),
             torch.sigmoid(end),
         ]
-        change = batch.next_frame - batch.obs[..., -self.layout.frame :]
-        errors = ((change - self.change.mean) / self.change.std - mean.mean(0)).square().mean(-1)
+        errors = ((self.change_of(batch) - self.change.mean) / self.change.std - mean.mean(0)).square().mean(-1)
         return torch.cat(heads, -1).mean((0, 1)), errors[~batch.terminated].mean()
 
     def bounds_loss(self) -> Tensor:

@@ -5,6 +5,7 @@ Dimensions: M models, B rows, K stacked frames of D numbers, F action features, 
 """
 
 import itertools
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -114,8 +115,11 @@ class Ensemble:
         generator: torch.Generator,
         *,
         normalise: bool = True,
+        outlier: float = math.inf,
     ) -> None:
+        """`outlier`: deviations beyond which an error of the frame counts less, as in `dynamics.gaussian_nll`."""
         self.frames, self.actions, self.layout = frames, actions, OutputLayout(frame, costs)
+        self.outlier = outlier
         self.inputs = frames * frame + action_feature_count(actions)
         self.stack = StackedMLP(
             members,
@@ -190,7 +194,7 @@ class Ensemble:
         continues = (~batch.terminated).to(out.dtype).expand(out.shape[:-1])
         target = ((self.change_of(batch) - self.change.mean) / self.change.std).expand_as(mean)
         variance = dynamics.bounded_variance(raw, *self.bounds)
-        state = dynamics.gaussian_nll(mean, variance, target).mean(-1) * continues
+        state = dynamics.gaussian_nll(mean, variance, target, self.outlier).mean(-1) * continues
         wanted = ((batch.rewards - self.reward.mean) / self.reward.std).expand(out.shape[:-1])
         weights = dynamics.rarity((self.counts[1:] / self.counts[0].clamp(min=1)).to(out.dtype), rarity)
         shares = self.cost_shares(batch.costs).expand_as(cost)

@@ -77,7 +77,7 @@ class Arm:
         if self.path is not None:
             return file_hash(policy_file(self.path))
         steady = sight_of(PILOTS[self.policy]) == "steady"
-        return f"{self.policy}/{versions.IMITATION if steady else versions.EVALUATION}"
+        return f"{self.policy}/{versions.STEADY if steady else versions.EVALUATION}"
 
 
 ARMS = (

@@ -102,7 +102,7 @@ def test_the_key_changes_with_the_content_of_the_file_and_not_with_its_name(arms
 
 
 def test_pilots_are_known_by_their_versions(arms: ModuleType, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(arms.versions, "IMITATION", 71)
+    monkeypatch.setattr(arms.versions, "STEADY", 71)
     monkeypatch.setattr(arms.versions, "EVALUATION", 72)
     made_by = [arms.Arm(name).made_by for name in ("noise20", "noise50", "random")]
     assert made_by == ["noise20/71", "noise50/71", "random/72"]

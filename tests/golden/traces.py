@@ -45,6 +45,7 @@ from thalweg.env.physics.wind import Wind
 from thalweg.env.shield.moves import VERDICTS
 from thalweg.env.shield.shield import Shield
 from thalweg.env.shield.water_map import LEAST, MOST
+from thalweg.env.spaces import action_space
 from thalweg.env.task.altimeter import heights_above_water
 from thalweg.render import Camera, Look, Renderer
 from thalweg.render.records.quality import QUALITIES
@@ -351,17 +352,22 @@ def packaged_policy(name: str = "packaged") -> Trace:
     return {"file": _digits(PACKAGED_POLICIES[name])}
 
 
-def imitation() -> Trace:
-    """The steady pilot's worths along its flight on Medium, and losses and actions of a student after three lessons."""
+def steady() -> Trace:
+    """The steady pilot's worths along its flight on Medium."""
     env = RiverVectorEnv([load_or_build("Medium")], 4, EnvConfig(observation="none"))
     env.reset(seed=3)
     worths = []
     for _ in range(40):
         worths.append(env.move_worths())
         env.step(env.pilot_actions("steady"))
+    return {"worths": np.maximum(np.array(worths), -100.0)}
+
+
+def imitation() -> Trace:
+    """Losses of a student over three lessons."""
     settings = {"observation": "mask", "filters": [4, 4, 4, 4], "features": 8, "memory_size": 8, "hidden": [8]}
     config = parse_config(ImitationConfig, settings)
-    student = Student(config, actions_of(env.single_action_space), MOVE_OPTIONS, (3, 8), seed=0, context={})
+    student = Student(config, actions_of(action_space("multidiscrete")), MOVE_OPTIONS, (3, 8), seed=0, context={})
     rng = np.random.default_rng(0)
     losses = []
     for _ in range(3):
@@ -375,7 +381,7 @@ def imitation() -> Trace:
         )
         student.update_scale(lesson.privileged.flatten(0, 1))
         losses.append(list(student.learn(lesson).values()))
-    return {"worths": np.maximum(np.array(worths), -100.0), "losses": np.array(losses)}
+    return {"losses": np.array(losses)}
 
 
 def shield() -> Trace:
@@ -427,6 +433,7 @@ GOLDENS: dict[str, Golden] = {
         "PACKAGED_RGB_POLICY", versions.PACKAGED_RGB_POLICY, partial(packaged_policy, PACKAGED_RGB), tolerance=0.0
     ),
     "shield": Golden("SHIELD", versions.SHIELD, shield, tolerance=0.02, smallest=20.0),
+    "steady": Golden("STEADY", versions.STEADY, steady),
     "imitation": Golden("IMITATION", versions.IMITATION, imitation),
     **{
         name: Golden(f'ALGORITHMS["{name}"]', versions.ALGORITHMS[name], partial(algorithm, name))

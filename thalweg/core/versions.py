@@ -32,11 +32,12 @@ ENCODER = 1
 """Training of an encoder, and its codes of frames."""
 TRAINING = 1
 """Collection of rollouts, and the training loop that all algorithms share."""
-IMITATION = 4
-"""What the steady pilot gives to moves, and what its student learns from them."""
+STEADY = 4
+"""What the steady pilot gives to moves. Whoever raises it raises `IMITATION` too."""
+IMITATION = 5
+"""What students learn from what their teacher gives to moves."""
 EVALUATION = 1
-"""Starts, conditions and flights of evaluated episodes, baselines included but for the steady pilot, which is part of
-`IMITATION`."""
+"""Starts, conditions and flights of evaluated episodes, baselines included but for the steady pilot."""
 SHIELD = 2
 """What the shield remembers of masks, which moves it vetoes, and by which it replaces them."""
 ALGORITHMS = {

@@ -1,5 +1,8 @@
 """The student learns what its teacher wants, in sequences as step by step, and resumes to the bit."""
 
+import math
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -33,9 +36,9 @@ def small(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(ImitationConfig, "shape", property(shape))
 
 
-def student(device: torch.device = CPU, **settings) -> Student:
+def student(device: torch.device = CPU, *, moves: np.ndarray = MOVES, **settings) -> Student:
     config = parse_config(ImitationConfig, {"memory_size": 6, "hidden": (16,), "learning_rate": 0.01, **settings})
-    return Student(config, ACTIONS, MOVES, (2, 4), seed=0, context={"observation": "mask"}, device=device)
+    return Student(config, ACTIONS, moves, (2, 4), seed=0, context={"observation": "mask"}, device=device)
 
 
 def lesson(seed: int = 0, *, delayed: bool = False) -> Lesson:
@@ -75,6 +78,21 @@ def test_it_learns_to_avoid_what_is_fatal_and_to_see(small: None):
     actions = player(images, np.ones(2, bool))
     assert actions[0].tolist() == MOVES[GOOD].tolist()
     assert actions[1].tolist() != MOVES[GOOD].tolist()
+
+
+def test_where_either_move_may_be_fatal_it_does_not_flee_to_options_of_no_move(small: None):
+    learner, rng = student(moves=MOVES[MOVES[:, 0] < 2]), np.random.default_rng(0)
+    for seed in range(60):
+        one = lesson(seed)
+        fatal = torch.from_numpy(rng.integers(2, size=(LENGTH, COUNT, 1)))
+        worths = torch.where(torch.from_numpy(MOVES[: len(learner.moves), 0]) == fatal, -1000.0, 0.0)
+        losses = learner.learn(replace(one, worths=worths))
+    player = learner.policy.player(1, deterministic=True)
+    player(np.full((1, 8, 8, 1), 30, np.uint8), np.ones(1, bool))
+    log_probs = player.log_probs()
+    assert log_probs is not None and np.exp(log_probs[0, 0]).tolist() == pytest.approx([0.5, 0.5, 0.0], abs=0.3)
+    assert log_probs[0, 0, 2] < math.log(0.05)
+    assert losses["regret"] == pytest.approx(10.0, abs=2.0)
 
 
 def test_only_a_memory_can_tell_what_was_seen_before(small: None):

@@ -37,5 +37,10 @@ def test_moves_of_independent_branches():
 def test_losses_by_hand():
     log_probs = torch.tensor([[0.5, 0.25, 0.25]]).log()
     regret = torch.tensor([[0.0, 0.5, 20.0]])
-    assert expected_regret(regret, log_probs).item() == pytest.approx(0.125 + 5.0)
+    assert expected_regret(regret, log_probs, worst=20.0).item() == pytest.approx(0.125 + 5.0)
     assert cross_entropy(torch.tensor([[1.0, 0.0, 0.0]]), log_probs).item() == pytest.approx(math.log(2.0))
+
+
+def test_options_of_no_move_are_as_bad_as_can_be():
+    log_probs = torch.tensor([[0.5, 0.25]]).log()
+    assert expected_regret(torch.tensor([[0.0, 0.5]]), log_probs, worst=20.0).item() == pytest.approx(0.125 + 5.0)

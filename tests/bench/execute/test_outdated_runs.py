@@ -187,7 +187,7 @@ def test_runs_that_see_images_depend_on_the_renderer_but_not_on_the_encoder():
 
 def test_the_pilot_that_students_are_taught_by_depends_on_the_version_of_imitations():
     pilot, steady = (current_versions("baseline", [name]) for name in ("pilot", "steady"))
-    assert steady == pilot | {"imitation": versions.IMITATION}
+    assert steady == pilot | {"steady": versions.STEADY}
     assert reading.versions_today({}, "steady", steady) == steady  # of a suite that does not name it
 
 

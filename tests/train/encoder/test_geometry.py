@@ -182,7 +182,7 @@ def test_a_finished_folder_without_its_checkpoint_is_refused_for_other_settings(
         replace(run(finished), **options).run()
 
 
-@pytest.mark.parametrize("raised", ["ENCODER", "IMITATION", "PRIVILEGED", "RULES", "WORLD"])
+@pytest.mark.parametrize("raised", ["ENCODER", "STEADY", "PRIVILEGED", "RULES", "WORLD"])
 def test_a_folder_of_another_version_is_refused(raised: str, finished: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(versions, raised, getattr(versions, raised) + 1)
     with pytest.raises(EncoderFileError, match=rf"{raised.lower()}_version is \d there and \d here"):

@@ -12,6 +12,7 @@ import torch
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.imitation.config import ImitationConfig, Teacher
+from thalweg.algos.imitation.student import Lesson
 from thalweg.cli.main import main
 from thalweg.core import versions
 from thalweg.env import EnvConfig, RiverVectorEnv
@@ -24,6 +25,7 @@ from thalweg.train.errors import TrainingError
 from thalweg.train.imitation import flights, gate, imitate
 from thalweg.train.imitation.flights import redraw
 from thalweg.train.imitation.imitate import Imitation
+from thalweg.train.imitation.mirroring import ORDER
 from thalweg.train.imitation.sequences import Sequences
 from thalweg.train.imitation.trainer import ImitationTrainer
 from thalweg.train.rollouts.episodes import Episode
@@ -116,6 +118,28 @@ def test_a_share_of_the_flights_begins_anew_every_few_steps(
     monkeypatch.setattr(ImitationTrainer, "step", watched)
     imitation(tmp_path / "run", settings=SETTINGS | {"start_share": share, "start_steps": 2}).run()
     assert found == [restarted, []] * 12
+
+
+@pytest.mark.parametrize("twice", [False, True])
+def test_what_was_flown_is_learnt_from_again_in_a_mirror(twice: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    learn, lessons, trainers = ImitationTrainer.learn, [], []
+
+    def watched(trainer: ImitationTrainer, lesson: Lesson) -> dict[str, float]:
+        trainers.append(trainer)
+        lessons.append(replace(lesson, rows=lesson.rows.clone()))
+        return learn(trainer, lesson)
+
+    monkeypatch.setattr(ImitationTrainer, "learn", watched)
+    imitation(tmp_path / "run", steps=8, settings=SETTINGS | {"in_mirror": twice}).run()
+    assert len(lessons) == 1 + twice
+    kept = trainers[0].store.take(np.arange(2))
+    assert np.array_equal(kept.worths, lessons[0].worths.numpy())
+    if twice:
+        plain, other = lessons
+        images, mirrored = (lesson.rows[..., :-4].reshape(4, 2, 128, 128, 4) for lesson in lessons)
+        assert torch.equal(mirrored, images.flip(3)) and not torch.equal(mirrored, images)
+        assert torch.equal(other.worths, plain.worths[..., ORDER])
+        assert other.fresh[0].all()
 
 
 @pytest.mark.parametrize(("share", "flown"), [(0.0, {"0", "1"}), (0.5, {"1"}), (1.0, set())])

@@ -63,6 +63,8 @@ class ImitationConfig:
     """Most steps of such a flight; it also ends with its sequence."""
     noise: Fraction = 0.05
     """Share of random moves in flights, whose consequences the student learns to mend."""
+    in_mirror: bool = True
+    """Whether each sequence that was flown is learnt from a second time, as in a mirror."""
     mirrored: Fraction = 0.5
     """Share of the sequences drawn anew that are mirrored: left and right change places, memory begins empty."""
     corrupted_masks: Fraction = 0.2

@@ -174,7 +174,7 @@ class Student:
         return torch.stack(
             [
                 cross_entropy(soft_targets(regret, self.config.temperature), log_probs),
-                expected_regret(regret, log_probs),
+                expected_regret(regret, log_probs, self.config.worst_regret),
                 (self.privileged(features) - seen).square().mean(),
                 functional.binary_cross_entropy_with_logits(self.map(features), maps),
             ]

@@ -35,6 +35,11 @@ def cross_entropy(targets: Tensor, log_probs: Tensor) -> Tensor:
     return -(targets * log_probs).sum(-1).mean()
 
 
-def expected_regret(regret: Tensor, log_probs: Tensor) -> Tensor:
-    """Return the mean regret of moves drawn with the student's log probabilities [B, M]."""
-    return (log_probs.exp() * regret).sum(-1).mean()
+def expected_regret(regret: Tensor, log_probs: Tensor, worst: float) -> Tensor:
+    """Return the mean regret of what is drawn with the student's log probabilities [B, M] of moves.
+
+    Where these do not add up to 1, options were drawn that are those of no move, such as the dead third option of the
+    branch forward. Their regret is the `worst`: were it 0, a student that cannot tell what is fatal would flee to them.
+    """
+    probabilities = log_probs.exp()
+    return ((probabilities * regret).sum(-1) + worst * (1.0 - probabilities.sum(-1))).mean()

@@ -71,7 +71,7 @@ def current_versions(
     if forces:
         flown["forces"] = versions.FORCES
     if kind == "baseline":
-        return flown | ({"imitation": versions.IMITATION} if STEADY in algorithms else {})
+        return flown | ({"steady": versions.STEADY} if STEADY in algorithms else {})
     render, coded = {"render": versions.RENDER}, {"encoder": versions.PACKAGED_ENCODER}
     if _task(task).props:
         render["props"] = versions.PROPS

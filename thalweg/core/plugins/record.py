@@ -25,7 +25,7 @@ NAMES = {True: re.compile(r"[A-Z]\w*"), False: re.compile(r"[a-z]\w*")}
 
 
 RESERVED = (
-    *("world", "rules", "tasks", "evaluation", "imitation", "render", "encoder", "geometry", "packaged"),
+    *("world", "rules", "tasks", "evaluation", "steady", "imitation", "render", "encoder", "geometry", "packaged"),
     *("privileged", "training", "props", "forces", "banks", "sources", "default", "deadlines"),
 )
 """Names that belong to versions of other things in the records of results."""

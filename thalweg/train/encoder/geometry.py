@@ -265,7 +265,7 @@ class GeometryTraining:
             "render_version": RENDER_VERSION,
             "lessons_version": VERSION,
             "encoder_version": versions.ENCODER,
-            "imitation_version": versions.IMITATION,
+            "steady_version": versions.STEADY,
             "privileged_version": versions.PRIVILEGED,
             "rules_version": versions.RULES,
             "world_version": versions.WORLD,

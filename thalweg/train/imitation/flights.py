@@ -104,6 +104,14 @@ class Flights:
         `sequences()`."""
         return lesson_of(sequences, self._rows[: self._noted])
 
+    def in_mirror(self, sequences: Sequences) -> Lesson:
+        """Return the noted steps as in a mirror; `sequences` are those of `sequences()`, and stay as they are."""
+        other, shape = Sequences(*(array.copy() for array in sequences)), self.images.shape
+        rows = self._rows[: self._noted]
+        images = rows[..., : math.prod(shape[1:])].reshape(self._noted, *shape).copy()
+        mirror(images, other, 1.0, self.rng)
+        return lesson_of(other, rows_of(images, other.last))
+
     def drawn_again(self, sequences: Sequences) -> Lesson:
         """Return stored sequences as the student learns from them: drawn under new looks, some mirrored in place, some
         with corrupted masks."""

@@ -79,6 +79,8 @@ class ImitationTrainer(StudentTrainer):
             student.update_scale(lesson.privileged.flatten(0, 1))
         losses = self.learn(lesson)
         found = dict(losses)
+        if config.in_mirror:
+            self.learn(self.flights.in_mirror(sequences))
         replayed = round(config.replay * self.env.num_envs)
         if self.store.count and replayed:
             chosen = self.flights.rng.integers(self.store.count, size=replayed)

@@ -19,8 +19,9 @@ from thalweg.env import RiverVectorEnv
 from thalweg.env.frame_renderer import Views
 from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.task.bird_eye import open_water
+from thalweg.train.flip import flipped
 from thalweg.train.imitation.mask_noise import corrupt
-from thalweg.train.imitation.mirroring import mirror
+from thalweg.train.imitation.mirroring import mirror, mirror_numbers
 from thalweg.train.imitation.sequences import Sequences
 from thalweg.train.imitation.teachers import teacher_worths
 
@@ -108,9 +109,9 @@ class Flights:
         """Return the noted steps as in a mirror; `sequences` are those of `sequences()`, and stay as they are."""
         other, shape = Sequences(*(array.copy() for array in sequences)), self.images.shape
         rows = self._rows[: self._noted]
-        images = rows[..., : math.prod(shape[1:])].reshape(self._noted, *shape).copy()
-        mirror(images, other, 1.0, self.rng)
-        return lesson_of(other, rows_of(images, other.last))
+        images = np.ascontiguousarray(rows[..., : math.prod(shape[1:])]).reshape(self._noted, *shape)
+        mirror_numbers(other, np.arange(shape[0]))
+        return lesson_of(other, rows_of(flipped(images), other.last))
 
     def drawn_again(self, sequences: Sequences) -> Lesson:
         """Return stored sequences as the student learns from them: drawn under new looks, some mirrored in place, some

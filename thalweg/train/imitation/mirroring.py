@@ -25,9 +25,14 @@ GREATEST_OPTION = MOVE_OPTIONS.max()
 def mirror(images: np.ndarray, sequences: Sequences, share: float, rng: np.random.Generator) -> None:
     """Mirror a share of the sequences, and their images [L, C, H, W, K], in place."""
     chosen = np.flatnonzero(rng.random(images.shape[1]) < share)
-    if not chosen.size:
-        return
-    images[:, chosen] = flipped(images[:, chosen])
+    if chosen.size:
+        images[:, chosen] = flipped(images[:, chosen])
+        mirror_numbers(sequences, chosen)
+
+
+def mirror_numbers(sequences: Sequences, chosen: np.ndarray) -> None:
+    """Mirror all but the images of the sequences `chosen`, in place."""
+    length, count = len(sequences.last), len(chosen)
     last = sequences.last[:, chosen]
     last[..., SIDEWAYS] = np.where(last[..., SIDEWAYS] >= 0, GREATEST_OPTION - last[..., SIDEWAYS], NO_OPTION)
     last[0] = NO_OPTION
@@ -36,5 +41,5 @@ def mirror(images: np.ndarray, sequences: Sequences, share: float, rng: np.rando
     sequences.start[chosen] = 0.0
     sequences.worths[:, chosen] = sequences.worths[:, chosen][..., ORDER]
     sequences.privileged[:, chosen] = mirrored(sequences.privileged[:, chosen])
-    maps = np.unpackbits(sequences.maps[:, chosen], axis=-1).reshape(len(images), len(chosen), ROWS, COLUMNS)
-    sequences.maps[:, chosen] = np.packbits(maps[..., ::-1].reshape(*maps.shape[:2], -1), axis=-1)
+    maps = np.unpackbits(sequences.maps[:, chosen], axis=-1).reshape(length, count, ROWS, COLUMNS)
+    sequences.maps[:, chosen] = np.packbits(maps[..., ::-1].reshape(length, count, -1), axis=-1)

@@ -80,7 +80,10 @@ class ImitationTrainer(StudentTrainer):
         losses = self.learn(lesson)
         found = dict(losses)
         if config.in_mirror:
-            self.learn(self.flights.in_mirror(sequences))
+            before = time.perf_counter()
+            mirrored = self.flights.in_mirror(sequences)
+            self.stages["learn"] += time.perf_counter() - before
+            self.learn(mirrored)
         replayed = round(config.replay * self.env.num_envs)
         if self.store.count and replayed:
             chosen = self.flights.rng.integers(self.store.count, size=replayed)

@@ -61,7 +61,7 @@ PACKAGED_GEOMETRY = 2
 """The file of the encoder of geometry that comes with the package."""
 PACKAGED_GEOMETRY_TASKS = 1
 """The file of the encoder of geometry with objects of tasks that comes with the package."""
-PACKAGED_POLICY = 3
+PACKAGED_POLICY = 4
 """The policy file of image and mask that comes with the package."""
 PACKAGED_RGB_POLICY = 2
 """The policy file of the image alone that comes with the package."""

@@ -20,8 +20,9 @@ FORCES = 1
 TASKS = 1
 """What the tasks beside the paper's pay and cost, when they end, and what they add to the ideal eye."""
 DEADLINES = 1
-"""Whether learning goes on beyond the deadline of a task, and that of costs whose critics are told the share of steps
-beyond a step limit. Trained policies of the tasks beside the paper's, and those with such critics, depend on it."""
+"""Where learning ends: returns and costs at the deadline of a task; costs also at the paper's step limit, if their
+critics are told the share of steps. Trained policies of the tasks beside the paper's, and those with such critics,
+depend on it."""
 VEHICLES = 1
 """The boat: what it touches and pays for, its starts, its pilot, and what its ideal eye tells."""
 PRIVILEGED = 2
@@ -38,7 +39,7 @@ IMITATION = 5
 """What students learn from what their teacher gives to moves."""
 EVALUATION = 1
 """Starts, conditions and flights of evaluated episodes, baselines included but for the steady pilot."""
-SHIELD = 2
+SHIELD = 3
 """What the shield remembers of masks, which moves it vetoes, and by which it replaces them."""
 ALGORITHMS = {
     "PPO": 3,

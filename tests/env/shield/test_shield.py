@@ -182,6 +182,13 @@ def test_heights_have_a_floor_and_a_ceiling():
     assert flight.step(DESCEND) == STAY and flight.verdicts[-1] == HEIGHT  # the rules allow no less than 0.5 m
 
 
+def test_what_would_climb_too_high_flies_on_level_whatever_the_policy_thinks_of_descending():
+    flight = Flight(Channel(straight(4.0)), (0.0, 0.0, 14.5, 0.0))
+    odds = probabilities(UP_FORWARD, forward=0.1)
+    odds[0, 0, DESCEND[0]] = -1.0
+    assert flight.step(UP_FORWARD, odds) == FORWARD and flight.verdicts[-1] == HEIGHT
+
+
 def low(z: float, **settings: Any) -> Flight:
     return Flight(Channel(straight(4.0)), (0.0, 0.0, z, 0.0), **settings)
 

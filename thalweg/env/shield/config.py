@@ -23,8 +23,8 @@ class ShieldConfig:
     be a bridge."""
     floor_m: FiniteNonNegative = 3.5
     """Height above the water below which a move forward or aside must climb. Straight down a vehicle may descend
-    further, to look below the trees of a bank, unless it may be over a bridge. Those of the levels are up to 3.2 m
-    high, body included."""
+    further, to look below the trees of a bank, unless it may be over a bridge. Bridges of the levels are up to
+    3.2 m high, body included."""
     spare_m: FiniteNonNegative = 0.3
     """Distance kept from the task's own limits of the height: the water level may change along a move."""
     max_turn_deg: Annotated[float, Field(gt=0, le=180)] = 80.0

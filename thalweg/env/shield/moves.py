@@ -20,7 +20,8 @@ SIGNS = (0.0, 1.0, -1.0)
 ROUND = 8
 """Points of a circle of the margin, or about a descent."""
 DECK_M = 1.0
-"""Distance from what something raised hid, below which no vehicle descends under the floor: it may be over a bridge."""
+"""Below the floor no vehicle descends within this distance of a cell that something raised hid: it may be over a
+bridge."""
 
 
 class Bounds(NamedTuple):

@@ -88,10 +88,10 @@ class Shield:
     ) -> Screened:
         """Return the moves that the vehicles `rows` [K] make in place of their proposed `actions` [K, 4].
 
-        A permitted move is kept. One that is vetoed for its height is kept but for its vertical option, if that is
-        permitted. Any other is replaced by the permitted one that is most probable under `log_probs` [K, 4, 3], the
-        policy's logarithmic probability of each option of each branch, or for None by the one that changes the move
-        least. The vehicles' odometry follows the moves.
+        A permitted move is kept. One that is vetoed for its height is kept but for its vertical option, if another one
+        is permitted: level rather than a climb, a climb rather than a descent. Any other is replaced by the permitted
+        one that is most probable under `log_probs` [K, 4, 3], the policy's logarithmic probability of each option of
+        each branch, or for None by the one that changes the move least. The vehicles' odometry follows the moves.
 
         Args:
             rows: Vehicles that fly; each is in a call once.
@@ -111,7 +111,9 @@ class Shield:
         proposed = to_unit_actions("multidiscrete", actions, count)
         worths = np.zeros((count, len(MOVES_FLOAT64)))
         if log_probs is not None:
-            worths[:] = self._of_effects(log_probs)[:, np.arange(MOVE_OPTIONS.shape[1]), MOVE_OPTIONS].sum(-1)
+            worths[:] = self._with_dead_option_merged(log_probs)[:, np.arange(MOVE_OPTIONS.shape[1]), MOVE_OPTIONS].sum(
+                -1
+            )
         made, verdicts = np.empty((count, 4)), np.empty(count, np.int64)
         _screen_all(
             (self.maps, self.vehicles, self.optics),
@@ -128,7 +130,7 @@ class Shield:
         kept = (verdicts == PERMITTED)[:, None]
         return Screened(np.where(kept, actions, (1 - made).astype(np.int64)), verdicts)
 
-    def _of_effects(self, log_probs: np.ndarray) -> np.ndarray:
+    def _with_dead_option_merged(self, log_probs: np.ndarray) -> np.ndarray:
         """Return logarithmic probabilities [K, 4, 3] in which, where the third option forward is dead, the second one,
         which does the same, has the probability of both."""
         found = np.array(log_probs, np.float64)
@@ -156,10 +158,10 @@ def _screen_all(vehicle, rows, masks, scratch, heights, limits, moves, proposed,
         if verdicts[k] != PERMITTED:
             action = _substitute(maps, vehicles, row, bounds, task, moves, k, wanted)
         if verdicts[k] == HEIGHT:
-            # What is wrong with it is its height alone.
-            for up in (1.0, 0.0):
+            # Its turn and what lies ahead have not been judged yet. The last one that is permitted is made.
+            for up in (-1.0, 1.0, 0.0):
                 other = UnitAction(up, wanted.turn, wanted.forward, wanted.left)
-                if up > wanted.up and judge(maps, vehicles, row, bounds, task, other) == PERMITTED:
+                if up != wanted.up and judge(maps, vehicles, row, bounds, task, other) == PERMITTED:
                     action = other
         made[k, 0], made[k, 1], made[k, 2], made[k, 3] = action
         advance(vehicles, row, task, wanted, verdicts[k], action)

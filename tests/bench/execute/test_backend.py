@@ -24,6 +24,7 @@ from thalweg.bench.execute.backend import RiverBackend, installed_versions
 from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.bench.pictures import film
 from thalweg.bench.pictures.film_format import SMALL
+from thalweg.bench.results.run_versions import STEADY, current_versions
 from thalweg.bench.suite.arms import Arm, Run, Stage
 from thalweg.bench.suite.config import Suite
 from thalweg.core import versions
@@ -287,3 +288,18 @@ def test_the_shield_reads_masks_through_the_camera_of_the_policy(
 def test_no_plugin_has_the_name_of_a_version_that_results_record():
     recorded = {name for name in installed_versions() if name.isidentifier() and name[0].islower()}
     assert {"banks", "world"} <= recorded <= {*RESERVED}
+
+
+def test_machines_compare_every_version_that_results_record():
+    recorded = current_versions(
+        "train",
+        ["PPO"],
+        observation="frames",
+        asymmetric_critics=True,
+        told_cost_critics=True,
+        begins_with_packaged=True,
+        task="Swimmers",
+        forces=True,
+        banks=True,
+    )
+    assert {*recorded, *current_versions("baseline", [STEADY])} <= {*installed_versions()}

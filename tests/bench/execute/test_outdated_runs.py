@@ -185,7 +185,7 @@ def test_runs_that_see_images_depend_on_the_renderer_but_not_on_the_encoder():
     assert images["render"] == versions.RENDER and "encoder" not in images
 
 
-def test_the_pilot_that_students_are_taught_by_depends_on_the_version_of_imitations():
+def test_the_pilot_that_students_are_taught_by_depends_on_a_version_of_its_own():
     pilot, steady = (current_versions("baseline", [name]) for name in ("pilot", "steady"))
     assert steady == pilot | {"steady": versions.STEADY}
     assert reading.versions_today({}, "steady", steady) == steady  # of a suite that does not name it

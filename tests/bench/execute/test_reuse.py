@@ -84,6 +84,17 @@ def test_a_training_of_other_versions_or_unfinished_is_not_copied(first: Path, t
     assert [call for call in place.calls if call.startswith(("train", "check"))] == ["train PPO-0", "train PPO-1"]
 
 
+def test_an_outdated_training_makes_room_for_one_of_today(first: Path, tmp_path: Path):
+    folder = tmp_path / "other"
+    run_suite(OTHER, folder, FinishingBackend(), only=("PPO-0",))
+    made = dict(read_versions(folder))
+    write_versions(folder, made | {"PPO-0": {**made["PPO-0"], "world": 1}})
+    place = CheckingBackend()
+    run_suite(OTHER, folder, place, reuse=first, only=("PPO-0",))
+    assert [call for call in place.calls if call.startswith(("train", "check"))] == ["check PPO-0"]
+    assert read_versions(folder)["PPO-0"] == read_versions(first)["PPO-0"]
+
+
 def test_a_training_whose_earlier_stage_is_missing_is_not_copied(first: Path, tmp_path: Path):
     staged = replace(SUITE.arms[0], before=(Stage("PPO", "Easy", 100),), settings={"critic_warmup_steps": 0})
     place = CheckingBackend()
@@ -91,10 +102,13 @@ def test_a_training_whose_earlier_stage_is_missing_is_not_copied(first: Path, tm
     assert place.calls[0] == "train PPO-0"
 
 
-def test_a_folder_without_results_is_refused_before_anything_is_claimed(tmp_path: Path, capsys: pytest.CaptureFixture):
+def test_a_folder_without_results_is_refused_before_anything_is_claimed(tmp_path: Path):
     with pytest.raises(ResultsError, match="empty holds no results of another suite"):
         run_suite(OTHER, tmp_path / "other", SmallBackend(), reuse=tmp_path / "empty")
     assert not (tmp_path / "other").exists()
+
+
+def test_nothing_is_taken_where_results_are_only_verified(tmp_path: Path, capsys: pytest.CaptureFixture):
     assert main(["bench", "quick", "--only", "PPO-0", "--verify", str(tmp_path), "--reuse", str(tmp_path)]) == 2
     assert "--reuse does not go with it" in " ".join(capsys.readouterr().err.split())
 

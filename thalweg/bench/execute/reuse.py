@@ -21,20 +21,18 @@ from thalweg.bench.results.run_versions import (
 )
 from thalweg.bench.suite.arms import Run
 from thalweg.train.errors import TrainingError
+from thalweg.train.folder.checkpoint import FOLDER as CHECKPOINTS
 from thalweg.train.folder.run_record import POLICY, read_status
 
-CHECKPOINTS = "checkpoints"
-"""Folder of a run that is left out: a finished one does not need it."""
 
-
-def take_trainings(context: ExecutionContext, runs: Mapping[Run, Versions], source: Path) -> list[str]:
-    """Copy the trainings of runs that have none yet from the results in `source`; returns the names of these runs.
+def take_trainings(context: ExecutionContext, runs: Mapping[Run, Versions], source: Path) -> None:
+    """Copy the trainings of runs that have none yet from the results in `source`.
 
     A training is taken if it is finished there, under the same name and seed and with the versions of today, which
     `runs` has, and if the backend finds nothing in which it differs from what the suite asks for.
     """
     finished = {row.run for row in read_runs(source) if row.status == "finished"}
-    recorded, taken = read_versions(source), list[str]()
+    recorded = read_versions(source)
     for run, current in runs.items():
         there, here = (folder / "runs" / run.name for folder in (source, context.folder))
         if run.name not in finished or here.exists() or needs_training(recorded.get(run.name, {}), current):
@@ -44,7 +42,7 @@ def take_trainings(context: ExecutionContext, runs: Mapping[Run, Versions], sour
             continue
         copy = here.with_name(f".{run.name}")
         shutil.rmtree(copy, ignore_errors=True)
-        shutil.copytree(there, copy, ignore=shutil.ignore_patterns(CHECKPOINTS))
+        shutil.copytree(there, copy, ignore=shutil.ignore_patterns(CHECKPOINTS))  # finished runs do not need them
         try:
             context.backend.train(run, copy)  # a finished run is not repeated, and another one is refused
         except (TrainingError, AlgorithmError) as error:
@@ -55,8 +53,6 @@ def take_trainings(context: ExecutionContext, runs: Mapping[Run, Versions], sour
         write_versions(context.folder, known, read_sources(context.folder))
         os.rename(copy, here)
         context.console.print(f"{run.name}: trained in {source}", highlight=False, markup=False)
-        taken.append(run.name)
-    return taken
 
 
 def _is_finished(folder: Path) -> bool:

@@ -96,35 +96,34 @@ def run_suite(
     backend = backend or RiverBackend(suite)
     _warn_of_changed_sources(suite, folder, requested)
     context = ExecutionContext(suite, folder, backend, console)
-    if reuse is not None:
-        _take_trainings(context, requested, reuse)
-    rows = execute_runs(context, requested, executor or SerialExecutor())
+    rows = execute_runs(context, requested, executor or SerialExecutor(), reuse)
     results = read_results(folder)
     film_flights(suite, results, backend, console)
     results = with_films(results)
     return Outcome(results, write_report(folder, results=results), [rows[run.name] for run in requested])
 
 
-def _take_trainings(context: ExecutionContext, requested: Sequence[Run], source: Path) -> None:
-    """Take trainings of the package's algorithms from other results: those of plug-ins may have another source."""
-    suite = context.suite
-    runs = {run: versions_of(suite, run) for run in requested if run.kind == "train" and not _sources_of(suite, run)}
-    with RESULTS_FOLDER.locked(context.folder):
-        take_trainings(context, runs, source)
-
-
-def execute_runs(context: ExecutionContext, requested: Sequence[Run], executor: Executor) -> dict[str, RunRow]:
+def execute_runs(
+    context: ExecutionContext, requested: Sequence[Run], executor: Executor, reuse: Path | None = None
+) -> dict[str, RunRow]:
     """Execute what is left of some runs of a suite, in a folder that it has claimed; returns the rows of all of its
-    runs so far, by name. Raises `ResultsError` if another process executes runs of the folder."""
+    runs so far, by name. `reuse`: as for `run_suite`. Raises `ResultsError` if another process executes runs of the
+    folder."""
     with RESULTS_FOLDER.locked(context.folder):
-        return _execute_runs(context, requested, executor)
+        return _execute_runs(context, requested, executor, reuse)
 
 
-def _execute_runs(context: ExecutionContext, requested: Sequence[Run], executor: Executor) -> dict[str, RunRow]:
+def _execute_runs(
+    context: ExecutionContext, requested: Sequence[Run], executor: Executor, reuse: Path | None
+) -> dict[str, RunRow]:
     suite, folder = context.suite, context.folder
     rows = {row.run: row for row in read_runs(folder)}
     pending = [run for run in requested if not _is_finished(run, suite, folder, rows.get(run.name))]
     _prepare(suite, folder, pending, context.console)
+    if reuse is not None:
+        # Trainings of plug-ins are left out: they may have another source there.
+        trained = [run for run in pending if run.kind == "train" and not _sources_of(suite, run)]
+        take_trainings(context, {run: versions_of(suite, run) for run in trained}, reuse)
     rows = {row.run: row for row in read_runs(folder)}
     runs = {run.name: run for run in suite.runs()}
     for row in executor.execute(context, pending):

@@ -1,7 +1,7 @@
 """The findings at the top of `docs/findings.md`: each a sentence, its numbers with intervals, and a picture.
 
 All of them follow from the results in this folder alone, so that they change with what is there. One whose results are
-not there yet is left out, and the next takes its place. Which numbers a sentence holds does not depend on how they turn
+not there yet is left out. Which numbers a sentence holds does not depend on how they turn
 out.
 """
 
@@ -43,8 +43,6 @@ from thalweg.bench.suite.builtin import STUDIED
 
 HERE = Path(__file__).resolve().parent
 GEOMETRY = HERE / "geometry"
-SHOWN = 6
-"""Findings at the top of the page, at most."""
 
 
 def who_flies(results: Results) -> Headline:
@@ -164,7 +162,11 @@ def _cost_without_limit(results: Results, base: str, names: Sequence[str]) -> st
         return f"{base}, which has no limit, does not have three seeds, so that costs are not compared with its own."
     cost = flown(results, base)
     lower = [name for name in names if difference(flown(results, name), cost, "cost").high < 0]
-    less = f"significantly less costs {listed(lower)}" if lower else "none of them costs significantly less"
+    less = (
+        f"{listed(lower)} {'costs' if len(lower) == 1 else 'cost'} significantly less"
+        if lower
+        else "none of them costs significantly less"
+    )
     return f"{base}, which has no limit, costs {mean_estimate(cost, 'cost')}; {less}."
 
 
@@ -235,7 +237,7 @@ def _changes(results: Results, names: Sequence[str], condition: str) -> Iterator
 
 @cache
 def headlines(folder: Path = HERE) -> tuple[Headline, ...]:
-    """Return the findings that the results of a folder show, at most `SHOWN`."""
+    """Return the findings that the results of a folder show."""
     study = results_of(folder / STUDY.name)
     geometry = results_of(folder / GEOMETRY.name) if (folder / GEOMETRY.name).is_dir() else None
     every: tuple[Callable[[], Headline | None], ...] = (
@@ -246,4 +248,4 @@ def headlines(folder: Path = HERE) -> tuple[Headline, ...]:
         lambda: price(folder),
         lambda: elsewhere(study),
     )
-    return tuple(found for make in every if (found := make()) is not None)[:SHOWN]
+    return tuple(found for make in every if (found := make()) is not None)

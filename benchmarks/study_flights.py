@@ -7,7 +7,7 @@ import numpy as np
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.report.policies import train_level
-from thalweg.bench.results.comparison import matched_scores, mean_difference, unpaired_difference
+from thalweg.bench.results.comparison import difference_between_starts, matched_scores, mean_difference
 from thalweg.bench.results.inference import Estimate, Proportion, mean_estimate, score_matrix, wilson_interval
 from thalweg.bench.results.reading import versions_today
 from thalweg.bench.results.results import Results
@@ -94,7 +94,7 @@ def by_seed_change(after: Episodes, before: Episodes) -> Estimate:
     seeds = {row.seed for row in after} & {row.seed for row in before}
     both = [[row for row in rows if row.seed in seeds] for rows in (after, before)]
     try:
-        return unpaired_difference(score_matrix(both[0]), score_matrix(both[1]), "return_")
+        return difference_between_starts(score_matrix(both[0]), score_matrix(both[1]), "return_")
     except ValueError:
         later, earlier = (float(np.mean([row.return_ for row in rows])) for rows in both)
         return Estimate(later - earlier)

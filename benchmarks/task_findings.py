@@ -135,7 +135,7 @@ def versions_note(studies: Studies) -> str:
     if not tasks:
         return "All results are of today's versions.\n"
     told = "; ".join(f"{', '.join(names)} ({earlier})" for earlier, names in tasks.items())
-    return wrap(f"**Of earlier versions** are the results of {told}.")
+    return wrap(f"These results are of **earlier versions**: {told}.")
 
 
 def frames_section(studies: Studies) -> str:

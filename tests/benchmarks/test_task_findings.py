@@ -193,10 +193,10 @@ def test_results_of_earlier_versions_are_told(script: ModuleType, outcomes: Modu
     before = {name: version for name, version in now.items() if name != "deadlines"}
     for recorded, words in (
         (now, "All results are of today's versions.\n"),
-        (before, "**Of earlier versions** are the results of Nests (before deadlines 1).\n"),
+        (before, "These results are of **earlier versions**: Nests (before deadlines 1).\n"),
         (
             before | {"FOCOPS": 0},
-            f"**Of earlier versions** are the results of Nests (FOCOPS 0 (today {now['FOCOPS']})).\n",
+            f"These results are of **earlier versions**: Nests (FOCOPS 0 (today {now['FOCOPS']})).\n",
         ),
     ):
         study = outcomes.study_of(SUITE, replace(results, versions={"FOCOPS-8.2-0": recorded}))

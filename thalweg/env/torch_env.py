@@ -35,7 +35,7 @@ from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
 from thalweg.env.task.priced.station import greatest_ways
 from thalweg.env.task.proprioception import no_last_step
 from thalweg.env.task.rules import TASK_STATE, Outcome, State, empty_outcome, empty_state
-from thalweg.env.task.termination import ends_of
+from thalweg.env.task.termination import terminated_and_truncated
 from thalweg.render.records.camera import Distortion
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
@@ -185,7 +185,7 @@ class TensorRiverEnv:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         self._advance(unit_actions)
         reward = self._tensors["reward"].clone()
-        terminated, truncated = ends_of(self._tensors["reason"], self.limits)
+        terminated, truncated = terminated_and_truncated(self._tensors["reason"], self.limits)
         return self.observe(), reward, terminated, truncated, self._info()
 
     def get_state(self) -> dict[str, np.ndarray]:

@@ -32,7 +32,7 @@ from thalweg.env.spaces import (
 )
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.critic_info import critic_space
-from thalweg.env.task.termination import ends_of
+from thalweg.env.task.termination import terminated_and_truncated
 from thalweg.render.records.camera import Distortion
 from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
@@ -196,7 +196,7 @@ class RiverVectorEnv(VectorEnv):
         self.state.time_s[active] += self.config.step_s
         for row in np.flatnonzero(~active):
             self.episodes.begin(int(row))
-        terminated, truncated = ends_of(outcome.reason, self.limits)
+        terminated, truncated = terminated_and_truncated(outcome.reason, self.limits)
         info = info_of(self.episodes, np.ones(self.num_envs, dtype=bool))
         ended[:] = terminated | truncated
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():

@@ -1,7 +1,8 @@
 """Fast steps of policies that begin with a policy of another task.
 
-In a task with a fast step the third option of the branch forward is one; elsewhere it is dead, or backward. A policy of
-such a task gives it next to nothing, or takes it for staying, which says nothing about fast steps.
+In a task with a fast step the third option of the branch forward is one; elsewhere it is dead, or backward. A policy
+that was trained without fast steps hardly ever takes that option, or takes it to stay; neither says anything about fast
+steps.
 """
 
 from typing import Any
@@ -20,7 +21,7 @@ FORWARD_OPTION, FAST_OPTION = 0, 2
 
 def fast_step_of(policy: Any, task: str) -> OptionCopy | None:
     """Return which option of a policy of another task becomes the fast step of a `task`: it takes the weights of
-    forward, and a tenth of the moves forward. None if both tasks have a fast step, or neither has.
+    forward, and `FAST_SHARE` of the moves forward. None if both tasks have a fast step, or neither has.
 
     Raises `TrainingError` for a policy with fast steps in a task without them, for one whose actions are no options
     but numbers, of which other ones are fast steps, and for one of a task that is not known here.

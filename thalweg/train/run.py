@@ -108,8 +108,8 @@ def run(
         device: Device of the learner and of an environment of tensors, "cpu" by default; see `core.compute.device`.
         begin_with: Folder of a run or policy file from which the policy is initialised; critics start anew, and learn
             alone during the config's `critic_warmup_steps`.
-        copied_option: Option of the policy that the run begins with which takes the meaning of another one, because it
-            means something else here; none by default.
+        copied_option: Option that means something else here than for the policy to begin with, see `OptionCopy`; none
+            by default.
         graphs: Whether to record gradient steps of DDPGLag, TD3Lag and SACLag as CUDA graphs; not by default.
 
     Raises:

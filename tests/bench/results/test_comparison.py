@@ -6,12 +6,12 @@ from scipy import stats
 
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.results.comparison import (
+    difference_between_starts,
     matched_scores,
     mean_difference,
     paired_difference,
     performance_profile,
     probability_of_improvement,
-    unpaired_difference,
 )
 from thalweg.bench.results.inference import wilson_interval
 
@@ -94,7 +94,7 @@ def test_a_paired_difference_needs_the_same_policies():
 def test_a_change_between_other_starts_has_at_least_welchs_interval_over_both_lists():
     """Seeds that agree: 5 on the one list (4 and 6 in turn), 9 on the other (8, 9 and 10)."""
     after, before = np.array([[4.0], [6.0]] * 5).repeat(3, 1), np.array([[8.0], [9.0], [10.0]]).repeat(3, 1)
-    found = unpaired_difference(after, before, "length")
+    found = difference_between_starts(after, before, "length")
     welch = stats.ttest_ind(after[:, 0], before[:, 0], equal_var=False).confidence_interval(0.95)
     assert found.value == -4.0
     np.testing.assert_allclose([found.low, found.high], [welch.low, welch.high], rtol=1e-12)
@@ -102,17 +102,17 @@ def test_a_change_between_other_starts_has_at_least_welchs_interval_over_both_li
 
 def test_a_change_between_other_starts_is_paired_by_seed():
     after, before = np.array([[1.0, 3.0, 8.0]] * 20), np.array([[2.0, 4.5, 10.0]] * 9)
-    found = unpaired_difference(after, before, "length")  # -1, -1.5 and -2: 4.303 * 0.5 / √3
+    found = difference_between_starts(after, before, "length")  # -1, -1.5 and -2: 4.303 * 0.5 / √3
     half = 4.3026527 * 0.5 / 3**0.5
     independent = np.hypot(*(stats.t.ppf(0.975, each.size - 1) * stats.sem(each.ravel()) for each in (after, before)))
     assert half < independent  # starts agree, so that the interval is that of independent episodes
     assert (found.value, found.low, found.high) == pytest.approx((-1.5, -1.5 - independent, -1.5 + independent))
     apart = before + np.array([[0.0, 0.0, 20.0]])  # -1, -1.5 and -22
-    seeds = unpaired_difference(after, apart, "length")
+    seeds = difference_between_starts(after, apart, "length")
     alone = stats.ttest_1samp((after.mean(0) - apart.mean(0)), 0.0).confidence_interval(0.95)
     assert seeds.low <= alone.low and seeds.high >= alone.high
     with pytest.raises(ValueError, match=r"\(20, 3\) and \(9, 2\) are not of the same policies"):
-        unpaired_difference(after, before[:, :2], "return_")
+        difference_between_starts(after, before[:, :2], "return_")
 
 
 def test_the_difficulty_of_a_start_cancels_out():

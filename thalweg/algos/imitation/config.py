@@ -50,8 +50,8 @@ class ImitationConfig:
     """Weight of the expected regret in the loss: how much less the student's moves are worth than the best ones, on
     average."""
     worst_regret: PositiveFloat = 20.0
-    """Greatest regret of a move, in segments of progress: that of a fatal one, and of all but the descent where the
-    teacher sees no water."""
+    """Greatest regret, in segments of progress: that of a fatal move, of options that are those of no move, and of all
+    but the descent where the teacher sees no water."""
     auxiliary_weight: NonNegativeFloat = 0.3
     """Weight of the predictions of the privileged state and of the bird's-eye map; 0: they are not learnt."""
     teacher_steps: NonNegativeInt = 40_000

@@ -61,16 +61,16 @@ def centred(advantages: Tensor) -> Tensor:
     return advantages - advantages.mean()
 
 
-def td_target(signals: Tensor, not_terminated: Tensor, next_values: Tensor, discounts: Tensor) -> Tensor:
-    """Return one-step targets y = x + γ (1 - terminated) V(s') [S, B] of action values (Watkins, Dayan 1992).
+def td_target(signals: Tensor, continues: Tensor, next_values: Tensor, discounts: Tensor) -> Tensor:
+    """Return one-step targets y = x + γ continues V(s') [S, B] of action values (Watkins, Dayan 1992).
 
     Args:
         signals: x [S, B], reward and costs of the step.
-        not_terminated: 1 - terminated [S, B], as floats; a truncated step keeps the bootstrap value of a signal that
-            goes on beyond the limit.
+        continues: [S, B] floats, 0 where nothing of the signal comes after the step, else 1: a truncated step keeps
+            the value of a signal that goes on beyond the limit.
         next_values: V(s') [S, B], at the observation that the step reached.
         discounts: γ [S, 1].
     """
     rank(2, signals=signals, discounts=discounts)
-    same_shape(signals=signals, next_values=next_values, not_terminated=not_terminated)
-    return signals + discounts * (not_terminated * next_values)
+    same_shape(signals=signals, next_values=next_values, continues=continues)
+    return signals + discounts * (continues * next_values)

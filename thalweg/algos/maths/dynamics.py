@@ -32,9 +32,9 @@ def gaussian_nll(mean: Tensor, variance: Tensor, targets: Tensor, outlier: float
     Up to `outlier` deviations this is ½ (z² + log σ²); beyond, it grows linearly in z.
     """
     same_shape(mean=mean, variance=variance, targets=targets)
-    apart = (targets - mean).abs() / variance.sqrt()
-    near = apart.clamp(max=outlier)
-    return near * (apart - 0.5 * near) + 0.5 * variance.log()
+    z = (targets - mean).abs() / variance.sqrt()
+    c = z.clamp(max=outlier)
+    return c * (z - 0.5 * c) + 0.5 * variance.log()
 
 
 def balanced_cross_entropy(logits: Tensor, targets: Tensor, weight: Tensor) -> Tensor:

@@ -29,8 +29,8 @@ class Signal:
     discount: float
     trace: float
     ends_at_limit: bool = False
-    """Whether its sum ends where a step limit cuts an episode off, as at a termination, and goes on beyond it
-    otherwise."""
+    """Whether a truncation ends the sum as a termination does. If not, the value of the last state stands for the
+    rest."""
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ class Normaliser:
             return obs
         return ((obs - self._shift) * self._scale).clamp_(-CLIP, CLIP)
 
-    def limited(self, obs: Tensor) -> Tensor:
+    def within_clip(self, obs: Tensor) -> Tensor:
         """Return observations [..., D], each number moved to the closest one that a call does not clip."""
         if not self.enabled or self.count == 0:
             return obs

@@ -36,7 +36,7 @@ NO_ORIGIN = About()
 
 
 class OptionCopy(NamedTuple):
-    """An option that takes the meaning of another one of its branch, and is rarer than it."""
+    """An option that begins with the weights of another one of its branch, less probable by a factor."""
 
     branch: int
     option: int
@@ -166,7 +166,7 @@ class Policy:
 
     def copy_option(self, copy: OptionCopy) -> None:
         """Give an option the weights of another one, with a bias lower by ln k, so that it is k times less probable;
-        what other options have of the rest of the probability stays.
+        the ratios of the other options' probabilities stay as they are.
 
         Raises `AlgorithmError` for a policy that is not categorical.
         """

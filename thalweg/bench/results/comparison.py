@@ -3,9 +3,10 @@
 Every algorithm flies the same list of starts, so that the difficulty of a start cancels out: the probability of
 improvement (Agarwal et al. 2021) is computed start by start, and differences are paired by start. As in `inference`,
 the independent samples are seeds: each pair of one seed of either algorithm gives one number, and the variation of
-these numbers with either seed gives the interval.
+these numbers with either seed gives the interval. `difference_between_starts` alone compares other starts, paired by
+seed.
 
-Letters: L starts, M and K seeds of the two algorithms.
+Letters: L starts, J other starts, M and K seeds of the two algorithms.
 """
 
 from collections.abc import Callable, Sequence
@@ -58,9 +59,9 @@ def paired_difference(after: np.ndarray, before: np.ndarray, field: str) -> Esti
     return _widen_to_starts(t_interval(float(per_seed.mean()), per_seed), after, before, field)
 
 
-def unpaired_difference(after: np.ndarray, before: np.ndarray, field: str) -> Estimate:
+def difference_between_starts(after: np.ndarray, before: np.ndarray, field: str) -> Estimate:
     """Return the mean change of a field of the same M policies between other starts, `after` [L, M] and `before`
-    [K, M], paired by policy alone.
+    [J, M], paired by policy alone.
 
     Both lists of starts were drawn, so that the interval is at least as wide as Welch's over starts. Raises
     `ValueError` for other numbers of policies.

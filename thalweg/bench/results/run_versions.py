@@ -25,7 +25,7 @@ EVALUATION = "evaluation"
 DEFAULT, GEOMETRY, GEOMETRY_TASKS = "default", "geometry", "geometry-tasks"
 """Names of the encoders that come with the package."""
 STEADY = "steady"
-"""The baseline that teaches imitations; its flights depend on their version."""
+"""The baseline that teaches imitations, and the name of its version."""
 SOURCES = "sources"
 """Key of the hashes of sources of plug-ins, by name, beside the versions of a run; no run is outdated by them alone."""
 UNKNOWN = "unknown versions"
@@ -56,10 +56,10 @@ def current_versions(
     them. `observation` is what a trained policy sees: only codes of frames depend on the packaged `encoder` of this
     name, and only the privileged observation does not depend on the renderer; `asymmetric_critics` is whether the
     critics of some stage see the privileged one as well, `told_cost_critics` whether critics of costs are among them,
-    and `begins_with_packaged` whether training begins with the
-    packaged policy, which sees images; baselines see nothing. Only results of a `task` beside the paper's depend on
-    the tasks, where frames show its objects, on these, and where a policy is trained, on deadlines; only those under
-    `forces` on wind, current and inertia, and only those of a suite with other `banks` than forest on these.
+    and `begins_with_packaged` whether training begins with the packaged policy, which sees images; baselines see
+    nothing. Only results of a `task` beside the paper's depend on the tasks, where frames show its objects, on these,
+    and where a policy is trained, on deadlines; only those under `forces` on wind, current and inertia, and only those
+    of a suite with other `banks` than forest on these.
     """
     flown: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if task != "River":
@@ -71,7 +71,7 @@ def current_versions(
     if forces:
         flown["forces"] = versions.FORCES
     if kind == "baseline":
-        return flown | ({"steady": versions.STEADY} if STEADY in algorithms else {})
+        return flown | ({STEADY: versions.STEADY} if STEADY in algorithms else {})
     render, coded = {"render": versions.RENDER}, {"encoder": versions.PACKAGED_ENCODER}
     if _task(task).props:
         render["props"] = versions.PROPS

@@ -152,7 +152,7 @@ def done_reason(broken, idle, steps, completed, limits, max_steps):
     return SUCCESS if completed else RUNNING
 
 
-def ends_of(reason: Any, limits: Limits) -> tuple[Any, Any]:
+def terminated_and_truncated(reason: Any, limits: Limits) -> tuple[Any, Any]:
     """Return (terminated, truncated), both [N] bool, of codes of `DoneReason` [N], an array or a tensor.
 
     Only the step limit of the paper's task truncates. The deadline of another task belongs to that task, which shows

@@ -100,7 +100,7 @@ def test_losses_statistics_and_errors_take_the_clipped_change():
     """A frame far beyond the bound counts as one at it."""
     ensemble = ensemble_for()
     batch = batch_for(ensemble)
-    bound = ensemble.observed.limited(torch.full((3,), 1e6))
+    bound = ensemble.observed.within_clip(torch.full((3,), 1e6))
     far, at = (replace(batch, next_frame=end.expand(5, 3)) for end in (torch.tensor([1e6] * 3), bound))
     with torch.no_grad():
         assert torch.equal(ensemble.losses(far, 10.0), ensemble.losses(at, 10.0))

@@ -168,8 +168,8 @@ class Ensemble:
         Inputs and imagined frames are clipped, and so are both ends of a change: of a number that stays beyond the
         bound, nothing changes.
         """
-        limited = self.observed.limited
-        return limited(batch.next_frame) - limited(batch.obs[..., -self.layout.frame :])
+        within = self.observed.within_clip
+        return within(batch.next_frame) - within(batch.obs[..., -self.layout.frame :])
 
     def cost_shares(self, costs: Tensor) -> Tensor:
         """Return the costs [..., C] scaled by their range to 0..1; the sigmoid of each cost head predicts their mean.

@@ -13,6 +13,10 @@ from torch import Tensor
 from thalweg.algos.common.state import CPU, array_of, tensor_of
 from thalweg.algos.interface import Rollout
 
+INVERSE_GOLDEN_RATIO = 2654435769
+"""2^32 / φ, with the golden ratio φ."""
+Count = TypeVar("Count", int, Tensor)
+
 
 @dataclass(frozen=True)
 class Batch:
@@ -103,11 +107,6 @@ class TransitionBuilder:
         self._pending = tensors
 
 
-GOLDEN = 2654435769
-"""2^32 / φ, with the golden ratio φ."""
-Count = TypeVar("Count", int, Tensor)
-
-
 class ReplayBuffer:
     """Ring buffer of the most recent transitions, which grows as it fills.
 
@@ -183,7 +182,7 @@ class ReplayBuffer:
         that of the same environments wherever N and the size of a block have a common factor. Multiples of an
         irrational number reach all environments alike, whatever N (Weyl 1916).
         """
-        return (block * GOLDEN % 2**32) * self.block // 2**32
+        return (block * INVERSE_GOLDEN_RATIO % 2**32) * self.block // 2**32
 
     def _grow(self, needed: int, like: dict[str, Tensor]) -> None:
         """Allocate at least `needed` rows, doubling the buffer up to its capacity."""

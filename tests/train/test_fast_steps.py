@@ -91,7 +91,7 @@ def test_a_policy_of_numbers_is_refused_where_they_would_be_other_moves(changes:
 
 def test_a_policy_of_a_task_that_is_not_here_is_refused():
     with pytest.raises(TrainingError, match="trained on a task that is not here: task must be one of 'River'"):
-        fast_step_of(policy("HighNests"), "Swimmers")
+        fast_step_of(policy("Nowhere"), "Swimmers")
 
 
 def test_a_run_and_the_policy_that_it_stays_close_to_begin_with_the_copied_option(tmp_path: Path):

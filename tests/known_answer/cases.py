@@ -27,8 +27,7 @@ def check_reached(case: Case, folder: Path, seeds: int = 1) -> None:
     """Train with the first seeds until most of them have reached the required return within the limit, or cannot.
 
     Off-policy algorithms get several seeds: their cost oscillates about the limit, and on `dense` two of fifteen runs
-    end above it (benchmarks/known_answer.md). So do planners, whose return lies about nine tenths of the optimum. Which
-    runs miss depends on how a processor rounds.
+    end above it (benchmarks/known_answer.md). Which ones depends on how a processor rounds.
     """
     most, reached, failures = seeds // 2 + 1, 0, []
     for seed in range(seeds):

@@ -97,7 +97,6 @@ _PLANNING: Settings = {
     "rarity": 1.0,
     "fitting": "refit",
     "hold_out": 0.2,
-    "model_outlier": math.inf,
     "fixed_variance_bounds": True,
     "random_steps": 10_000,
     "bound_targets": False,

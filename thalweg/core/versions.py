@@ -52,8 +52,8 @@ ALGORITHMS = {
     "DDPGLag": 4,
     "TD3Lag": 4,
     "SACLag": 4,
-    "SafeLOOP": 6,
-    "CCEPETS": 5,
+    "SafeLOOP": 5,
+    "CCEPETS": 4,
 }
 """Updates of each algorithm, by its name in the registry."""
 PACKAGED_ENCODER = 2

@@ -1,6 +1,5 @@
 """Small ensembles, random actions and rollouts for the tests of planners."""
 
-import math
 from typing import Any
 
 import gymnasium as gym
@@ -23,8 +22,7 @@ def ensemble_for(space: gym.Space = OPTIONS, frame: int = 3, frames: int = 1, co
     """An ensemble with random weights, large enough for models to differ, and scales that are not 1."""
     given: dict[str, Any] = {"members": 4, "hidden": (16, 16)} | settings
     actions: Actions = actions_of(space, "native", "squashed")
-    members, hidden, outlier = given["members"], given["hidden"], given.get("outlier", math.inf)
-    ensemble = Ensemble(frame, frames, actions, costs, members, hidden, generator(3), outlier=outlier)
+    ensemble = Ensemble(frame, frames, actions, costs, given["members"], given["hidden"], generator(3))
     ensemble.stack.flat.data += 0.3 * torch.randn(ensemble.stack.flat.shape, generator=generator(4))
     ensemble.observed.update(2.0 + 3.0 * torch.randn(500, frame, generator=generator(5)))
     ensemble.change.update(0.1 + 0.2 * torch.randn(500, frame, generator=generator(6)))

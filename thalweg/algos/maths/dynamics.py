@@ -1,7 +1,5 @@
 """Losses of a probabilistic dynamics model, with one number per step of the batch [..., B]."""
 
-import math
-
 import torch
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
@@ -24,17 +22,10 @@ def bounded_variance(raw: Tensor, low: Tensor, high: Tensor) -> Tensor:
     return low.exp() + high.exp() * torch.sigmoid(raw - high)
 
 
-def gaussian_nll(mean: Tensor, variance: Tensor, targets: Tensor, outlier: float = math.inf) -> Tensor:
-    """Return -log N(y; μ, σ²) [..., D] without its constant, with outliers that count less (Huber 1964).
-
-        z = |y - μ| / σ,    c = min(z, outlier),    L = c (z - ½ c) + ½ log σ²
-
-    Up to `outlier` deviations this is ½ (z² + log σ²); beyond, it grows linearly in z.
-    """
+def gaussian_nll(mean: Tensor, variance: Tensor, targets: Tensor) -> Tensor:
+    """Return ½ ((y - μ)² / σ² + log σ²) [..., D]: -log N(y; μ, σ²) without its constant."""
     same_shape(mean=mean, variance=variance, targets=targets)
-    z = (targets - mean).abs() / variance.sqrt()
-    c = z.clamp(max=outlier)
-    return c * (z - 0.5 * c) + 0.5 * variance.log()
+    return 0.5 * ((targets - mean).square() / variance + variance.log())
 
 
 def balanced_cross_entropy(logits: Tensor, targets: Tensor, weight: Tensor) -> Tensor:

@@ -28,9 +28,6 @@ from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy_file import About
 from thalweg.core.config import to_plain
 
-FITTED = (*(f"model_{name}_loss" for name in HEADS), "model_grad_norm")
-"""Metrics of the model's fitting."""
-
 
 class Agent:
     """Planning policy, replay buffer and the fitting of the model, with the metrics of all three."""
@@ -90,9 +87,9 @@ class Agent:
                 self._metrics.add_model_error(self.policy, batch)
             self.policy.ensemble.update_statistics(batch)
             self.replay.add(batch)
-        fitted = self.fitter.fit(self.replay, int(rollout.valid.sum()))
-        if fitted is not None:
-            self._metrics.add(dict(zip(FITTED, fitted, strict=True)))
+        losses = self.fitter.fit(self.replay, int(rollout.valid.sum()))
+        if losses is not None:
+            self._metrics.add({f"model_{name}_loss": loss for name, loss in zip(HEADS, losses, strict=True)})
             self._metrics.require_finite()
         self._set_budget()
         self.policy.refresh()
@@ -181,7 +178,7 @@ class Agent:
     def _nan_metrics(self) -> dict[str, float]:
         """Return NaN for each metric that may have no value yet, so that every report has the same names."""
         costs = [f"cost{name}" for name in cost_suffixes(len(self.config.limits))]
-        names = [*FITTED, "plan_reward", *(f"plan_{cost}" for cost in costs)]
+        names = [f"model_{name}_loss" for name in HEADS] + ["plan_reward", *(f"plan_{cost}" for cost in costs)]
         names += [f"{prefix}_{head}" for head in ("reward", *costs, "end") for prefix in ("predicted", "realised")]
         names += ["feasible_share", "state_error", *(f"held_out_{name}_loss" for name in HEADS), *self._logged]
         return dict.fromkeys(names, float("nan"))

@@ -100,9 +100,6 @@ class PlanningConfig(CostConfig):
     """Learning rate of Adam for the ensemble."""
     model_decay: NonNegativeFloat = 1e-4
     """Weight decay of each model's last layer; it falls to a quarter towards the first layer."""
-    model_outlier: PositiveFloat = 10.0
-    """Predicted standard deviations beyond which the error of a frame counts linearly in fitting, not squared. Where a
-    number hardly ever changes, its deviation tends to 0, and one jump of it would undo what was learnt."""
     fixed_variance_bounds: bool = False
     """Whether the bounds of the predicted log-variance stay at their initial values, as in OmniSafe."""
     rarity: Annotated[float, Field(ge=1)] = 10.0

@@ -48,7 +48,6 @@ class PlannerPolicy:
             config.sizes.model_hidden,
             generator,
             normalise=config.normalise_observations,
-            outlier=config.model_outlier,
         )
         make = METHODS[about.algorithm][1]
         inputs = config.frame_stack * obs_size

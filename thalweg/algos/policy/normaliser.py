@@ -37,13 +37,6 @@ class Normaliser:
             return obs
         return ((obs - self._shift) * self._scale).clamp_(-CLIP, CLIP)
 
-    def within_clip(self, obs: Tensor) -> Tensor:
-        """Return observations [..., D], each number moved to the closest one that a call does not clip."""
-        if not self.enabled or self.count == 0:
-            return obs
-        reach = CLIP / self._scale  # infinite where the scale is 0
-        return obs.clamp(self._shift - reach, self._shift + reach)
-
     def arrays(self) -> Scaling:
         """Return what a call computes with, as compiled loops take it; for a normaliser on the CPU."""
         if not self.enabled or self.count == 0:

@@ -5,7 +5,6 @@ Dimensions: M models, B rows, K stacked frames of D numbers, F action features, 
 """
 
 import itertools
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -115,11 +114,8 @@ class Ensemble:
         generator: torch.Generator,
         *,
         normalise: bool = True,
-        outlier: float = math.inf,
     ) -> None:
-        """`outlier`: deviations beyond which an error of the frame counts less, as in `dynamics.gaussian_nll`."""
         self.frames, self.actions, self.layout = frames, actions, OutputLayout(frame, costs)
-        self.outlier = outlier
         self.inputs = frames * frame + action_feature_count(actions)
         self.stack = StackedMLP(
             members,
@@ -145,7 +141,8 @@ class Ensemble:
     def update_statistics(self, batch: Batch) -> None:
         """Update the statistics with new transitions."""
         self.observed.update(batch.obs[:, -self.layout.frame :])
-        self.change.update(self.change_of(batch)[~batch.terminated])
+        continues = ~batch.terminated
+        self.change.update((batch.next_frame - batch.obs[:, -self.layout.frame :])[continues])
         self.reward.update(batch.rewards.unsqueeze(-1))
         if len(batch.obs):
             low, high = (
@@ -161,15 +158,6 @@ class Ensemble:
     def normalised(self, obs: Tensor) -> Tensor:
         """Return the inputs of the networks: observations [..., K * D] with each frame normalised."""
         return self.observed(obs.unflatten(-1, (self.frames, -1))).flatten(-2)
-
-    def change_of(self, batch: Batch) -> Tensor:
-        """Return the change of the frame [..., D] in its own units, as far as normalised frames show it.
-
-        Inputs and imagined frames are clipped, and so are both ends of a change: of a number that stays beyond the
-        bound, nothing changes.
-        """
-        within = self.observed.within_clip
-        return within(batch.next_frame) - within(batch.obs[..., -self.layout.frame :])
 
     def cost_shares(self, costs: Tensor) -> Tensor:
         """Return the costs [..., C] scaled by their range to 0..1; the sigmoid of each cost head predicts their mean.
@@ -192,9 +180,10 @@ class Ensemble:
         out = self.stack(x)
         mean, reward, raw, cost, end = (out[..., part] for part in self.layout.slices)
         continues = (~batch.terminated).to(out.dtype).expand(out.shape[:-1])
-        target = ((self.change_of(batch) - self.change.mean) / self.change.std).expand_as(mean)
+        change = batch.next_frame - batch.obs[..., -self.layout.frame :]
+        target = ((change - self.change.mean) / self.change.std).expand_as(mean)
         variance = dynamics.bounded_variance(raw, *self.bounds)
-        state = dynamics.gaussian_nll(mean, variance, target, self.outlier).mean(-1) * continues
+        state = dynamics.gaussian_nll(mean, variance, target).mean(-1) * continues
         wanted = ((batch.rewards - self.reward.mean) / self.reward.std).expand(out.shape[:-1])
         weights = dynamics.rarity((self.counts[1:] / self.counts[0].clamp(min=1)).to(out.dtype), rarity)
         shares = self.cost_shares(batch.costs).expand_as(cost)
@@ -221,7 +210,8 @@ class Ensemble:
             low + (high - low) * torch.sigmoid(cost),
             torch.sigmoid(end),
         ]
-        errors = ((self.change_of(batch) - self.change.mean) / self.change.std - mean.mean(0)).square().mean(-1)
+        change = batch.next_frame - batch.obs[..., -self.layout.frame :]
+        errors = ((change - self.change.mean) / self.change.std - mean.mean(0)).square().mean(-1)
         return torch.cat(heads, -1).mean((0, 1)), errors[~batch.terminated].mean()
 
     def bounds_loss(self) -> Tensor:

@@ -33,8 +33,7 @@ class Fitter:
     def fit(self, replay: ReplayBuffer, new_steps: int) -> Tensor | None:
         """Fit the ensemble after `new_steps` environment steps, as `fitting` in the config says.
 
-        Returns the mean loss of each head over the gradient steps, then the mean norm of the gradient of the
-        weights [4 + 1], None if there were none.
+        Returns the mean loss of each head [4] over the gradient steps, None if there were none.
         """
         self._since_refit += new_steps
         if not replay.size:
@@ -79,19 +78,15 @@ class Fitter:
         return log
 
     def _step(self, replay: ReplayBuffer, indices: Tensor) -> Tensor:
-        """Take one gradient step on the transitions with indices [M, B].
-
-        Returns the losses, then the norm of the gradient of the weights, [4 + 1].
-        """
+        """Take one gradient step on the transitions with indices [M, B]; returns the losses [4]."""
         losses = self.ensemble.losses(replay.rows(indices), self.config.rarity)
         self.optimiser.zero_grad()
         (losses.sum() + self.ensemble.bounds_loss()).backward()
         flat = self.ensemble.stack.flat
         assert flat.grad is not None
         flat.grad.addcmul_(self._decay, flat.detach())
-        norm = torch.linalg.vector_norm(flat.grad)
         self.optimiser.step()
-        return torch.cat([losses.detach().mean(-1), norm.unsqueeze(0)])
+        return losses.detach().mean(-1)
 
     @staticmethod
     def _mean(log: list[Tensor]) -> Tensor | None:

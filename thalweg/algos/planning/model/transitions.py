@@ -5,17 +5,13 @@ stacked frames of D numbers, A numbers of a raw action, C costs.
 """
 
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from thalweg.algos.common.state import CPU, array_of, tensor_of
 from thalweg.algos.interface import Rollout
-
-INVERSE_GOLDEN_RATIO = 2654435769
-"""2^32 / φ, with the golden ratio φ."""
-Count = TypeVar("Count", int, Tensor)
 
 
 @dataclass(frozen=True)
@@ -110,7 +106,7 @@ class TransitionBuilder:
 class ReplayBuffer:
     """Ring buffer of the most recent transitions, which grows as it fills.
 
-    One transition of each block of `block` rows is held out of fitting; the choice is not random.
+    The first transition of each block of `block` rows is held out of fitting; the choice is not random.
     """
 
     def __init__(self, capacity: int, hold_out: float, device: torch.device = CPU) -> None:
@@ -143,24 +139,21 @@ class ReplayBuffer:
         if fitted < 1:
             return torch.zeros(shape, dtype=torch.int64, device=self.device)
         random = torch.randint(fitted, shape, generator=generator, device=self.device)
-        block, place = random // (self.block - 1), random % (self.block - 1)
-        return block * self.block + place + (place >= self._held_out_place(block))
+        return random // (self.block - 1) * self.block + 1 + random % (self.block - 1)
 
     @property
     def held_out_count(self) -> int:
         """Number of held-out transitions."""
-        full, rest = divmod(self.size, self.block)
-        return full + int(rest > self._held_out_place(full))
+        return -(-self.size // self.block)
 
     def held_out(self) -> Batch:
         """Return the held-out transitions."""
-        blocks = torch.arange(self.held_out_count, device=self.device)
-        return self.rows(blocks * self.block + self._held_out_place(blocks))
+        return self.rows(torch.arange(0, self.size, self.block, device=self.device))
 
     def training_indices(self) -> Tensor:
         """Return indices of all transitions that are not held out."""
         indices = torch.arange(self.size, device=self.device)
-        return indices[indices % self.block != self._held_out_place(indices // self.block)]
+        return indices[indices % self.block != 0]
 
     def state(self) -> dict[str, Any]:
         """Return the filled part of the buffer, as arrays."""
@@ -174,15 +167,6 @@ class ReplayBuffer:
         self._fields = {
             name: tensor_of(value, self.device) for name, value in state.items() if name not in ("size", "at")
         }
-
-    def _held_out_place(self, block: Count) -> Count:
-        """Return the row within a block that is held out: the fractional part of block / φ, as a share of the block.
-
-        Rows lie one step of all N environments after another, so that the same place in every block would always be
-        that of the same environments wherever N and the size of a block have a common factor. Multiples of an
-        irrational number reach all environments alike, whatever N (Weyl 1916).
-        """
-        return (block * INVERSE_GOLDEN_RATIO % 2**32) * self.block // 2**32
 
     def _grow(self, needed: int, like: dict[str, Tensor]) -> None:
         """Allocate at least `needed` rows, doubling the buffer up to its capacity."""

@@ -111,9 +111,8 @@ class Shield:
         proposed = to_unit_actions("multidiscrete", actions, count)
         worths = np.zeros((count, len(MOVES_FLOAT64)))
         if log_probs is not None:
-            worths[:] = self._with_dead_option_merged(log_probs)[:, np.arange(MOVE_OPTIONS.shape[1]), MOVE_OPTIONS].sum(
-                -1
-            )
+            merged = self._with_dead_option_merged(log_probs)
+            worths[:] = merged[:, np.arange(MOVE_OPTIONS.shape[1]), MOVE_OPTIONS].sum(-1)
         made, verdicts = np.empty((count, 4)), np.empty(count, np.int64)
         _screen_all(
             (self.maps, self.vehicles, self.optics),

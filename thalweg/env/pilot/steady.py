@@ -9,6 +9,7 @@ ahead on the route. The pilot is deterministic and keeps no state.
 
 import math
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from thalweg.env.task.progress import (
     track_projection,
 )
 from thalweg.env.task.rules import State, pose_of
-from thalweg.env.task.termination import rule_broken
+from thalweg.env.task.termination import faces_backwards, first_bridge_hit, is_off_band, is_off_channel
 
 HORIZON = 8
 """Simulated steps for each move."""
@@ -46,6 +47,9 @@ HOVER_COST = 0.5
 BLIND_COST = 50.0
 """The same, once, for a first move other than straight down where a bank is faced and no water is in view; more than a
 turn can gain. As a regret it counts as much as a fatal move, see `worst_regret` of imitations."""
+CLIMBS = len(np.unique(MOVES[:, 0]))
+"""K moves that differ by their climb alone, which `MOVES` sorts by first."""
+ALL_CLIMBS = (1 << CLIMBS) - 1
 FAILURE = -1000.0
 """Worth of a move that breaks a rule itself; each step that is flown before a rule is broken adds one."""
 
@@ -63,7 +67,8 @@ class SteadyPilot:
         """Return the worths [N, M] float64 of all `MOVES`, in segments of progress less what is not steady; below
         FAILURE + HORIZON for moves after which a rule is broken."""
         found = np.empty((len(state.world), len(MOVES)))
-        fill = partial(_fill_worths, self.courses, self.limits, self.route, MOVES, state, found)
+        trials = Trials(*np.empty((2, len(state.world), CLIMBS)))
+        fill = partial(_fill_worths, self.courses, self.limits, self.route, MOVES, state, trials, found)
         run_in_threads(len(found), fill)
         return found
 
@@ -72,84 +77,148 @@ class SteadyPilot:
         return MOVES[self.worths(state).argmax(axis=1)]
 
 
+class Trials(NamedTuple):
+    """Memory for the flights of moves that differ by their climb alone, which are flown together."""
+
+    z: np.ndarray
+    """[N, K] float64, height of each flight in metres."""
+    up: np.ndarray
+    """[N, K] float64, vertical unit action of its next step."""
+
+
 @kernel(fastmath=False, allocates=False)
-def _fill_worths(courses, limits, ways, moves, state, worths, first, last):
+def _fill_worths(courses, limits, ways, moves, state, trials, worths, first, last):
     """Fill the rows `first` to `last` of worths [N, M]."""
     for row in range(first, last):
-        for index in range(len(moves)):
-            worths[row, index] = _worth(row, moves[index], courses, limits, ways, state)
+        for index in range(len(moves) // CLIMBS):
+            waiting = ALL_CLIMBS
+            while waiting != 0:
+                waiting = _fly_together(row, index, waiting, courses, limits, ways, moves, state, trials, worths[row])
 
 
 @kernel(fastmath=False, allocates=False)
-def _worth(row, first_move, courses, limits, ways, state):
-    """Return the worth of a simulation that starts with a move [4] and then follows the law."""
+def _fly_together(row, index, waiting, courses, limits, ways, moves, state, trials, worths):
+    """Fly simulations that start with a move each and then follow the law; fill their worths; return the others.
+
+    The K moves differ by their climb: those with index, index + M / K, and so on. `waiting` has a bit for each one that
+    has no worth yet. The first of these leads, and what does not depend on heights is found once for all that move as
+    it does. Those that come to move otherwise are left for another flight. Worths are to the bit as if each was flown
+    alone.
+    """
     world, travel = state.world[row], state.travel[row]
+    z, up, apart = trials.z[row], trials.up[row], len(moves) // CLIMBS
     pose = pose_of(state.pose, row)
     _, projection = track_projection(courses, world, state.segment[row], pose.x, pose.y)
+    blind = _is_blind(pose.z, sight_height(courses, world, projection, travel, ways, pose), limits)
+    first_move = moves[index]
     vertical = first_move[1] == 0 and first_move[2] == 0 and first_move[3] == 0
-    worth = -HOVER_COST if vertical and first_move[0] == 0 else 0.0
-    descends = vertical and first_move[0] < 0
-    if not descends and _is_blind(pose, sight_height(courses, world, projection, travel, ways, pose), limits):
-        worth -= BLIND_COST
+    for climb in range(CLIMBS):
+        z[climb], up[climb] = pose.z, 1.0 * moves[index + climb * apart, 0]
+        worth = -HOVER_COST if vertical and up[climb] == 0 else 0.0
+        if blind and not (vertical and up[climb] < 0):
+            worth -= BLIND_COST
+        if waiting >> climb & 1:
+            worths[index + climb * apart] = worth
+    flying = waiting
     patience = 1.0 / (1.0 + state.idle[row])
-    action = UnitAction(1.0 * first_move[0], 1.0 * first_move[1], 1.0 * first_move[2], 1.0 * first_move[3])
+    action = UnitAction(0.0, 1.0 * first_move[1], 1.0 * first_move[2], 1.0 * first_move[3])
     for step in range(HORIZON):
         after = move(pose, action, limits)
         offset, reached = track_projection(courses, world, projection.segment, after.x, after.y)
-        broken = rule_broken(courses, world, limits, pose, after, reached, travel)
-        if broken >= 0 and step > 0:
+        broken, flying = _broken_together(courses, world, limits, pose, after, reached, travel, z, up, flying)
+        if broken and step > 0:
             # The law turns on the spot where its move would break a rule.
-            action = UnitAction(action.up, action.turn, 0.0, 0.0)
+            action = UnitAction(0.0, action.turn, 0.0, 0.0)
             after = move(pose, action, limits)
             offset, reached = track_projection(courses, world, projection.segment, after.x, after.y)
-            broken = rule_broken(courses, world, limits, pose, after, reached, travel)
-        if broken >= 0:
-            return FAILURE + step
-        worth += travel * (offset + reached.fraction - projection.fraction)
-        worth -= EFFORT * (abs(action.up) + abs(action.turn) + abs(action.left))
+            broken, flying = _broken_together(courses, world, limits, pose, after, reached, travel, z, up, flying)
+        if broken:
+            for climb in range(CLIMBS):
+                if flying >> climb & 1:
+                    worths[index + climb * apart] = FAILURE + step
+            return waiting & ~flying
+        gained = travel * (offset + reached.fraction - projection.fraction)
         pose, projection = after, reached
-        if courses.closed[world] == 0 and projection.segment == last_segment(courses, world, travel):
-            return worth + 2.0 * (HORIZON - step)
+        arrived = courses.closed[world] == 0 and projection.segment == last_segment(courses, world, travel)
+        for climb in range(CLIMBS):
+            if flying >> climb & 1:
+                worths[index + climb * apart] += gained
+                worths[index + climb * apart] -= EFFORT * (abs(up[climb]) + abs(action.turn) + abs(action.left))
+                z[climb] += up[climb] * limits.vertical_step
+                if arrived:
+                    worths[index + climb * apart] += 2.0 * (HORIZON - step)
+        if arrived:
+            return waiting & ~flying
         left = metres_left(courses, world, projection, pose.x, pose.y)
         angle, dx, dy = pursued_point(courses, world, projection, travel, ways, left, LOOKAHEAD_M, pose)
         error = wrap_angle(angle - pose.yaw)
         sight = sight_height(courses, world, projection, travel, ways, pose)
-        missing = min(interpolate(courses, world, projection, ways.height), sight) - pose.z
-        worth -= patience * (
-            CLEARANCE_WEIGHT * missing_clearance(courses, world, projection, ways, left)
-            + HEIGHT_WEIGHT * abs(missing)
-            + TURN_WEIGHT * abs(error)
-        )
-        if _is_blind(pose, sight, limits):
-            action = UnitAction(-1.0, 0.0, 0.0, 0.0)
-        else:
-            action = _law(limits, pose, error, dx, dy, missing)
-    return worth
+        height = min(interpolate(courses, world, projection, ways.height), sight)
+        unclear = CLEARANCE_WEIGHT * missing_clearance(courses, world, projection, ways, left)
+        blind = _is_blind(z[_lowest_bit(flying)], sight, limits)
+        for climb in range(CLIMBS):
+            if flying >> climb & 1:
+                if _is_blind(z[climb], sight, limits) != blind:
+                    flying &= ~(1 << climb)
+                missing = height - z[climb]
+                worths[index + climb * apart] -= patience * (
+                    unclear + HEIGHT_WEIGHT * abs(missing) + TURN_WEIGHT * abs(error)
+                )
+                up[climb] = -1.0 if blind else _sign_beyond(missing, 0.5 * limits.vertical_step)
+        action = UnitAction(0.0, 0.0, 0.0, 0.0) if blind else _law(limits, pose.yaw, error, dx, dy)
+    return waiting & ~flying
 
 
 @kernel(fastmath=False, allocates=False)
-def _is_blind(pose, sight, limits):
-    """Return whether a `Pose` is more than half a vertical step above its `sight_height`, in metres."""
-    return pose.z - sight > 0.5 * limits.vertical_step
+def _broken_together(courses, world, limits, before, after, projection, travel, z, up, flying):
+    """Return whether a move of the flights with a bit in `flying`, from heights z [K] by vertical unit actions up [K],
+    breaks a rule, as it does for the first of them; and the bits of those for which it is the same."""
+    anywhere = is_off_channel(courses, world, projection, after.x, after.y) or faces_backwards(
+        courses, world, limits, projection, after.yaw, travel
+    )
+    if anywhere:
+        return True, flying
+    broken = False
+    lead = _lowest_bit(flying)
+    for climb in range(lead, CLIMBS):
+        if flying >> climb & 1:
+            reached = z[climb] + up[climb] * limits.vertical_step
+            hit = first_bridge_hit(courses, world, before.x, before.y, z[climb], after.x, after.y, reached) >= 0
+            found = hit or is_off_band(courses, world, limits, projection, reached)
+            if climb == lead:
+                broken = found
+            elif found != broken:
+                flying &= ~(1 << climb)
+    return broken, flying
 
 
 @kernel(fastmath=False, allocates=False)
-def _law(limits, pose, error, dx, dy, missing):
-    """Return the `UnitAction` of the law: to the height to fly at, to the pursued point, forward when it is in front,
-    and aside to it.
+def _lowest_bit(bits):
+    """Return the place of the lowest bit that is set, of which there is one."""
+    place = 0
+    while not bits >> place & 1:
+        place += 1
+    return place
 
-    error: radians to turn to the pursued point, which lies dx, dy metres away; missing: metres to climb.
+
+@kernel(fastmath=False, allocates=False)
+def _is_blind(z, sight, limits):
+    """Return whether a height z is more than half a vertical step above the `sight_height`, in metres."""
+    return z - sight > 0.5 * limits.vertical_step
+
+
+@kernel(fastmath=False, allocates=False)
+def _law(limits, yaw, error, dx, dy):
+    """Return the `UnitAction` of the law but for the climb: to the pursued point, forward when it is in front, and
+    aside to it.
+
+    error: radians to turn to the pursued point, which lies dx, dy metres away.
     """
     turn = _sign_beyond(error, 0.5 * limits.yaw_step)
     # The lateral distance counts from the heading after the turn.
-    heading = pose.yaw + turn * limits.yaw_step
+    heading = yaw + turn * limits.yaw_step
     lateral = dy * math.cos(heading) - dx * math.sin(heading)
-    return UnitAction(
-        _sign_beyond(missing, 0.5 * limits.vertical_step),
-        turn,
-        1.0 if abs(error) < 1.0 else 0.0,
-        _sign_beyond(lateral, limits.lateral_step),
-    )
+    return UnitAction(0.0, turn, 1.0 if abs(error) < 1.0 else 0.0, _sign_beyond(lateral, limits.lateral_step))
 
 
 @kernel(fastmath=False, allocates=False)

@@ -106,23 +106,36 @@ def rule_broken(courses, world, limits, before, after, projection, travel):
         return _heading_broken(courses, world, limits, after, projection, travel)
     if first_bridge_hit(courses, world, before.x, before.y, before.z, after.x, after.y, after.z) >= 0:
         return COLLISION
-    if (
-        metres_past_bank(courses, world, projection) > TOLERANCE
-        or island_at(courses, world, after.x, after.y) >= 0
-    ):  # fmt: skip
+    if is_off_channel(courses, world, projection, after.x, after.y):
         return OUT_OF_VOLUME_HORIZONTAL
-    height = after.z - interpolate(courses, world, projection, courses.level)
-    if height < limits.min_height - TOLERANCE or height > limits.max_height + TOLERANCE:
+    if is_off_band(courses, world, limits, projection, after.z):
         return OUT_OF_VOLUME_VERTICAL
     return _heading_broken(courses, world, limits, after, projection, travel)
 
 
 @kernel(fastmath=False, allocates=False)
+def is_off_channel(courses, world, projection, x, y):
+    """Return whether a point lies beyond a bank or on an island."""
+    return metres_past_bank(courses, world, projection) > TOLERANCE or island_at(courses, world, x, y) >= 0
+
+
+@kernel(fastmath=False, allocates=False)
+def is_off_band(courses, world, limits, projection, z):
+    """Return whether a height z is outside the band of heights above the water."""
+    height = z - interpolate(courses, world, projection, courses.level)
+    return height < limits.min_height - TOLERANCE or height > limits.max_height + TOLERANCE
+
+
+@kernel(fastmath=False, allocates=False)
+def faces_backwards(courses, world, limits, projection, yaw, travel):
+    """Return whether a heading is too far off the direction of travel."""
+    return yaw_deviation(courses, world, projection, yaw, travel) > limits.max_yaw_deviation + TOLERANCE
+
+
+@kernel(fastmath=False, allocates=False)
 def _heading_broken(courses, world, limits, pose, projection, travel):
     """Return the code of `DoneReason` of a heading too far off the direction of travel, or -1."""
-    if yaw_deviation(courses, world, projection, pose.yaw, travel) > limits.max_yaw_deviation + TOLERANCE:
-        return YAW_OVER_DEVIATION
-    return RUNNING
+    return YAW_OVER_DEVIATION if faces_backwards(courses, world, limits, projection, pose.yaw, travel) else RUNNING
 
 
 @kernel(fastmath=False, allocates=False)
@@ -134,10 +147,7 @@ def rule_broken_over_land(courses, world, limits, before, after, projection):
     """
     if first_bridge_hit(courses, world, before.x, before.y, before.z, after.x, after.y, after.z) >= 0:
         return COLLISION
-    height = after.z - interpolate(courses, world, projection, courses.level)
-    if height < limits.min_height - TOLERANCE or height > limits.max_height + TOLERANCE:
-        return OUT_OF_VOLUME_VERTICAL
-    return RUNNING
+    return OUT_OF_VOLUME_VERTICAL if is_off_band(courses, world, limits, projection, after.z) else RUNNING
 
 
 @kernel(fastmath=False, allocates=False)

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from tests.env.flights import at
+from tests.env.flights import HOVER, at
 from tests.env.handmade import canal, ring
+from tests.env.pilot.steady_alone import worths_alone
 from tests.env.winding import river
 from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
 from thalweg.env.moves import MOVES
@@ -88,6 +89,34 @@ def test_straight_ahead_in_mid_channel_is_worth_one_segment_a_step():
     assert worths[0, 0, 0, 0] == pytest.approx(HORIZON - 1 - 0.5)
     # A climb of a metre is taken back in the next step: two efforts, and one step that ends a metre too high.
     assert worths[1, 0, 1, 0] == pytest.approx(HORIZON - 2 * 0.05 - 0.3)
+
+
+@pytest.mark.parametrize(
+    ("pose", "fatal"),
+    [
+        ((17.0, 0.0, 2.9, 0.0), True),  # the bridge is hit on the level and not after a climb
+        ((30.0, 1.0, 14.6, 0.0), True),  # a climb leaves the band of heights
+        ((30.0, 1.0, 0.9, 0.0), True),  # a descent does
+        ((30.0, 0.0, 4.0, 80.0), False),  # water before the bank is in view after a descent alone
+        ((20.0, 2.0, 10.5, 80.0), False),  # no water is in view for many steps, over a bridge
+        ((30.0, 3.8, 4.5, 40.0), True),  # a bank that is hit at any height
+        ((56.0, -1.0, 6.0, 10.0), False),  # the end of the course
+    ],
+)
+def test_worths_of_moves_that_are_flown_together_are_those_of_each_alone(pose, fatal: bool):
+    x, y, z, degrees = pose
+    env = at(canal(60.0, width_m=8.0, bridges=BRIDGE), (x, y, z, math.radians(degrees)))
+    worths = env.move_worths()
+    assert (worths < FAILURE + HORIZON).any() == fatal
+    assert worths == pytest.approx(worths_alone(env), rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_worths_on_a_river_are_those_of_each_move_alone(level: str):
+    env = RiverVectorEnv([river(level, 1)], 4, EnvConfig(observation="none"))
+    env.reset(seed=2)
+    env.step(np.tile(HOVER, (4, 1)))
+    assert env.move_worths() == pytest.approx(worths_alone(env), rel=1e-12, abs=1e-12)
 
 
 def test_the_pilot_descends_to_its_height_while_it_flies():

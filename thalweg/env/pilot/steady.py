@@ -47,9 +47,8 @@ HOVER_COST = 0.5
 BLIND_COST = 50.0
 """The same, once, for a first move other than straight down where a bank is faced and no water is in view; more than a
 turn can gain. As a regret it counts as much as a fatal move, see `worst_regret` of imitations."""
-CLIMBS = len(np.unique(MOVES[:, 0]))
-"""K moves that differ by their climb alone, which `MOVES` sorts by first."""
-ALL_CLIMBS = (1 << CLIMBS) - 1
+CLIMBS: tuple[int, ...] = tuple(dict.fromkeys(MOVES[:, 0].tolist()))
+"""The K vertical unit actions, by which `MOVES` are sorted first."""
 FAILURE = -1000.0
 """Worth of a move that breaks a rule itself; each step that is flown before a rule is broken adds one."""
 
@@ -67,7 +66,7 @@ class SteadyPilot:
         """Return the worths [N, M] float64 of all `MOVES`, in segments of progress less what is not steady; below
         FAILURE + HORIZON for moves after which a rule is broken."""
         found = np.empty((len(state.world), len(MOVES)))
-        trials = Trials(*np.empty((2, len(state.world), CLIMBS)))
+        trials = Trials(*np.empty((3, len(state.world), len(CLIMBS))))
         fill = partial(_fill_worths, self.courses, self.limits, self.route, MOVES, state, trials, found)
         run_in_threads(len(found), fill)
         return found
@@ -84,41 +83,38 @@ class Trials(NamedTuple):
     """[N, K] float64, height of each flight in metres."""
     up: np.ndarray
     """[N, K] float64, vertical unit action of its next step."""
+    worth: np.ndarray
+    """[N, K] float64, of its move, so far."""
 
 
 @kernel(fastmath=False, allocates=False)
 def _fill_worths(courses, limits, ways, moves, state, trials, worths, first, last):
     """Fill the rows `first` to `last` of worths [N, M]."""
+    apart = len(moves) // len(CLIMBS)
     for row in range(first, last):
-        for index in range(len(moves) // CLIMBS):
-            waiting = ALL_CLIMBS
+        for index in range(apart):
+            waiting = (1 << len(CLIMBS)) - 1
             while waiting != 0:
-                waiting = _fly_together(row, index, waiting, courses, limits, ways, moves, state, trials, worths[row])
+                waiting = _fly_together(row, moves[index], waiting, courses, limits, ways, state, trials)
+            for climb in range(len(CLIMBS)):
+                worths[row, index + climb * apart] = trials.worth[row, climb]
 
 
 @kernel(fastmath=False, allocates=False)
-def _fly_together(row, index, waiting, courses, limits, ways, moves, state, trials, worths):
-    """Fly simulations that start with a move each and then follow the law; fill their worths; return the others.
+def _fly_together(row, first_move, waiting, courses, limits, ways, state, trials):
+    """Fly simulations that each start with a move and then follow the law; fill their worths in `trials`.
 
-    The K moves differ by their climb: those with index, index + M / K, and so on. `waiting` has a bit for each one that
-    has no worth yet. The first of these leads, and what does not depend on heights is found once for all that move as
-    it does. Those that come to move otherwise are left for another flight. Worths are to the bit as if each was flown
-    alone.
+    The moves are `first_move` [4] with any climb. `waiting` has a bit for each climb whose move has no worth yet. The
+    first of these leads, and what does not depend on heights is found once for all that move as it does. Those that
+    come to move otherwise are left for another flight, and their bits are returned. Worths are to the bit as if each
+    move was flown alone.
     """
     world, travel = state.world[row], state.travel[row]
-    z, up, apart = trials.z[row], trials.up[row], len(moves) // CLIMBS
+    z, up, worth = trials.z[row], trials.up[row], trials.worth[row]
     pose = pose_of(state.pose, row)
     _, projection = track_projection(courses, world, state.segment[row], pose.x, pose.y)
     blind = _is_blind(pose.z, sight_height(courses, world, projection, travel, ways, pose), limits)
-    first_move = moves[index]
-    vertical = first_move[1] == 0 and first_move[2] == 0 and first_move[3] == 0
-    for climb in range(CLIMBS):
-        z[climb], up[climb] = pose.z, 1.0 * moves[index + climb * apart, 0]
-        worth = -HOVER_COST if vertical and up[climb] == 0 else 0.0
-        if blind and not (vertical and up[climb] < 0):
-            worth -= BLIND_COST
-        if waiting >> climb & 1:
-            worths[index + climb * apart] = worth
+    _begin(first_move, blind, pose.z, waiting, z, up, worth)
     flying = waiting
     patience = 1.0 / (1.0 + state.idle[row])
     action = UnitAction(0.0, 1.0 * first_move[1], 1.0 * first_move[2], 1.0 * first_move[3])
@@ -132,41 +128,68 @@ def _fly_together(row, index, waiting, courses, limits, ways, moves, state, tria
             after = move(pose, action, limits)
             offset, reached = track_projection(courses, world, projection.segment, after.x, after.y)
             broken, flying = _broken_together(courses, world, limits, pose, after, reached, travel, z, up, flying)
-        if broken:
-            for climb in range(CLIMBS):
-                if flying >> climb & 1:
-                    worths[index + climb * apart] = FAILURE + step
-            return waiting & ~flying
         gained = travel * (offset + reached.fraction - projection.fraction)
         pose, projection = after, reached
         arrived = courses.closed[world] == 0 and projection.segment == last_segment(courses, world, travel)
-        for climb in range(CLIMBS):
+        for climb in range(len(CLIMBS)):
             if flying >> climb & 1:
-                worths[index + climb * apart] += gained
-                worths[index + climb * apart] -= EFFORT * (abs(up[climb]) + abs(action.turn) + abs(action.left))
+                if broken:
+                    worth[climb] = FAILURE + step
+                    continue
+                worth[climb] += gained
+                worth[climb] -= EFFORT * (abs(up[climb]) + abs(action.turn) + abs(action.left))
                 z[climb] += up[climb] * limits.vertical_step
                 if arrived:
-                    worths[index + climb * apart] += 2.0 * (HORIZON - step)
-        if arrived:
-            return waiting & ~flying
+                    worth[climb] += 2.0 * (HORIZON - step)
+        if broken or arrived:
+            break
         left = metres_left(courses, world, projection, pose.x, pose.y)
         angle, dx, dy = pursued_point(courses, world, projection, travel, ways, left, LOOKAHEAD_M, pose)
         error = wrap_angle(angle - pose.yaw)
         sight = sight_height(courses, world, projection, travel, ways, pose)
         height = min(interpolate(courses, world, projection, ways.height), sight)
-        unclear = CLEARANCE_WEIGHT * missing_clearance(courses, world, projection, ways, left)
-        blind = _is_blind(z[_lowest_bit(flying)], sight, limits)
-        for climb in range(CLIMBS):
-            if flying >> climb & 1:
-                if _is_blind(z[climb], sight, limits) != blind:
-                    flying &= ~(1 << climb)
-                missing = height - z[climb]
-                worths[index + climb * apart] -= patience * (
-                    unclear + HEIGHT_WEIGHT * abs(missing) + TURN_WEIGHT * abs(error)
-                )
-                up[climb] = -1.0 if blind else _sign_beyond(missing, 0.5 * limits.vertical_step)
+        unclear = missing_clearance(courses, world, projection, ways, left)
+        _judge(height, unclear, error, patience, flying, z, worth)
+        blind, flying = _climb_together(limits, height, sight, flying, z, up)
         action = UnitAction(0.0, 0.0, 0.0, 0.0) if blind else _law(limits, pose.yaw, error, dx, dy)
     return waiting & ~flying
+
+
+@kernel(fastmath=False, allocates=False)
+def _begin(first_move, blind, start_z, waiting, z, up, worth):
+    """Set heights, first climbs and worths, each [K], of the flights with a bit in `waiting`; blind: whether they start
+    where no water is in view."""
+    vertical = first_move[1] == 0 and first_move[2] == 0 and first_move[3] == 0
+    for climb in range(len(CLIMBS)):
+        if waiting >> climb & 1:
+            z[climb], up[climb] = start_z, 1.0 * CLIMBS[climb]
+            worth[climb] = -HOVER_COST if vertical and up[climb] == 0.0 else 0.0
+            if blind and not (vertical and up[climb] < 0.0):
+                worth[climb] -= BLIND_COST
+
+
+@kernel(fastmath=False, allocates=False)
+def _judge(height, unclear, error, patience, flying, z, worth):
+    """Take off the worths [K] of the flights with a bit in `flying` what is not steady: metres off the height to fly
+    at, square metres of missing clearance, and radians off the pursued point."""
+    for climb in range(len(CLIMBS)):
+        if flying >> climb & 1:
+            worth[climb] -= patience * (
+                CLEARANCE_WEIGHT * unclear + HEIGHT_WEIGHT * abs(height - z[climb]) + TURN_WEIGHT * abs(error)
+            )
+
+
+@kernel(fastmath=False, allocates=False)
+def _climb_together(limits, height, sight, flying, z, up):
+    """Set the vertical unit actions up [K] of the flights with a bit in `flying`, to the height to fly at; return
+    whether the first of them is blind, and the bits of those for which it is the same."""
+    blind = _is_blind(z[_lowest_bit(flying)], sight, limits)
+    for climb in range(len(CLIMBS)):
+        if flying >> climb & 1:
+            if _is_blind(z[climb], sight, limits) != blind:
+                flying &= ~(1 << climb)
+            up[climb] = -1.0 if blind else _sign_beyond(height - z[climb], 0.5 * limits.vertical_step)
+    return blind, flying
 
 
 @kernel(fastmath=False, allocates=False)
@@ -180,7 +203,7 @@ def _broken_together(courses, world, limits, before, after, projection, travel, 
         return True, flying
     broken = False
     lead = _lowest_bit(flying)
-    for climb in range(lead, CLIMBS):
+    for climb in range(lead, len(CLIMBS)):
         if flying >> climb & 1:
             reached = z[climb] + up[climb] * limits.vertical_step
             hit = first_bridge_hit(courses, world, before.x, before.y, z[climb], after.x, after.y, reached) >= 0

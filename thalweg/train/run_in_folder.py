@@ -14,6 +14,7 @@ from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.policy import policy as policies
 from thalweg.core.cache import file_hash
 from thalweg.core.compute.device import resolve_device
+from thalweg.core.compute.heap import keep_freed_memory
 from thalweg.core.notices import notice
 from thalweg.core.plugins.record import PluginWarning, changed_source
 from thalweg.train.errors import ResumeWarning, TrainingError
@@ -155,6 +156,7 @@ def _train_to_end(
     status_file = StatusFile(folder, algorithm, trainer)
     if progress and step is not None:
         notice(f"{folder} resumes from step {step:,} of {trainer.steps:,}.")
+    keep_freed_memory()
     try:
         trainer.start(state)
         status_file.write("running")

@@ -187,7 +187,7 @@ class Student:
 
     def features(self, lesson: Lesson, columns: Tensor) -> Tensor:
         """Return what the policy's perceptron takes [B, E]."""
-        rows, actor = lesson.rows[:, columns], self.policy.actor
+        rows, actor = lesson.rows.index_select(1, columns), self.policy.actor
         if actor.gru is None:
             return actor.features(rows.flatten(0, 1))
         every = torch.arange(rows.shape[0] * rows.shape[1], device=self.device)

@@ -64,5 +64,5 @@ PACKAGED_GEOMETRY_TASKS = 1
 """The file of the encoder of geometry with objects of tasks that comes with the package."""
 PACKAGED_POLICY = 4
 """The policy file of image and mask that comes with the package."""
-PACKAGED_RGB_POLICY = 2
+PACKAGED_RGB_POLICY = 3
 """The policy file of the image alone that comes with the package."""

@@ -104,7 +104,7 @@ def test_what_a_killed_process_has_not_removed_is_removed_by_the_next(tmp_path: 
     own = unused(tmp_path / "own", 0, folder=True)
     unused(tmp_path / "old", 100, folder=True)
     with monkeypatch.context() as killed:
-        killed.setattr("shutil.rmtree", lambda path: None)
+        killed.setattr("shutil.rmtree", lambda path, ignore_errors: None)
         cache.keep_in_use(own, "*")
     assert names(tmp_path) == ["old.removed", "own"]
     cache.keep_in_use(own, "*")

@@ -64,7 +64,7 @@ def _remove(path: Path) -> None:
     # The new name has the same pattern: what a killed process leaves is removed by the next one.
     doomed = path.rename(path.with_name(f"{path.stem}.removed{path.suffix}"))
     if doomed.is_dir():
-        shutil.rmtree(doomed)
+        shutil.rmtree(doomed, ignore_errors=True)  # what another process removed from it is gone already
     else:
         doomed.unlink()
 

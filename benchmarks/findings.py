@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from page_sections import wrap
-from study_flights import critics_in_words, earlier_versions, reference
+from study_flights import beside_todays, critics_in_words, earlier_versions, reference
 
 from thalweg.bench.csv_files import ResultsError, read_csv
 from thalweg.bench.evaluate.episodes import Episode
@@ -80,9 +80,9 @@ def results_of_the_page() -> str:
 
 
 def _versions_of_encoders() -> list[str]:
-    """Return the versions of the encoder study that differ from those of today, with these in brackets."""
+    """Return the versions of the encoder study beside those of today."""
     recorded, today = json.loads((ENCODERS / "study.json").read_text(encoding="utf-8"))["versions"], current_versions()
-    return [f"{name} {made} (today {today.get(name)})" for name, made in recorded.items() if made != today.get(name)]
+    return beside_todays(recorded, today)
 
 
 def _packaged(results: Results) -> Iterator[str]:

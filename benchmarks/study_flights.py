@@ -11,6 +11,7 @@ from thalweg.bench.results.comparison import difference_between_starts, matched_
 from thalweg.bench.results.inference import Estimate, Proportion, mean_estimate, score_matrix, wilson_interval
 from thalweg.bench.results.reading import versions_today
 from thalweg.bench.results.results import Results
+from thalweg.bench.results.run_versions import Versions, added_versions, changed_versions
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.builtin import STUDIED, SYMMETRIC
 from thalweg.bench.suite.record import arms_of
@@ -119,14 +120,18 @@ def _versions_of_runs(results: Results) -> dict[str, set[int | None]]:
 def earlier_versions(results: Results) -> list[str]:
     """Return the versions of the trained policies of results that differ from those of today, with these in brackets,
     and of policies without any such those that they were made before; none if none does."""
-    found: dict[str, str] = {}
+    found: dict[str, None] = {}
     for arm in arms_of(results.suite):
         for seed in arm["seeds"]:
             recorded = results.versions.get(f"{arm['name']}-{seed}", {})
-            today = versions_today(results.suite, arm["name"], recorded)
-            differing = {name: version for name, version in recorded.items() if today.get(name) != version}
-            found |= {name: f"{name} {version} (today {today.get(name)})" for name, version in differing.items()}
-            if recorded and not differing:
-                new = {name: version for name, version in today.items() if name not in recorded}
-                found |= {name: f"before {name} {version}" for name, version in new.items()}
-    return list(found.values())
+            found |= dict.fromkeys(beside_todays(recorded, versions_today(results.suite, arm["name"], recorded)))
+    return list(found)
+
+
+def beside_todays(recorded: Versions, today: Versions) -> list[str]:
+    """Return the versions `recorded` that differ from those of today, with these in brackets; where none does, those
+    that they were made before."""
+    changed = changed_versions(recorded, today)
+    if changed or not recorded:
+        return [f"{name} {version} (today {today.get(name)})" for name, version in changed.items()]
+    return [f"before {name} {version}" for name, version in added_versions(recorded, today).items()]

@@ -147,7 +147,6 @@ def test_only_critics_of_costs_that_are_told_the_share_of_steps_depend_on_deadli
     suite = Suite("mine", (arm,))
     found = versions_of(suite, Run("train", suite.arms[0].label, 0))
     assert found.get("deadlines") == (versions.DEADLINES if expected else None)
-    assert reading.versions_today(suite.as_data(), suite.arms[0].label, found) == found
 
 
 def test_runs_that_see_no_frames_depend_on_neither_renderer_nor_encoder(

@@ -19,7 +19,7 @@ from thalweg.bench.execute.runner import run_suite, versions_of
 from thalweg.bench.fronts.fronts import packaged_points
 from thalweg.bench.report import failure_maps
 from thalweg.bench.report.html.page import _introduction
-from thalweg.bench.results.reading import read_results, versions_today
+from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.run_versions import read_versions
 from thalweg.bench.suite.arms import Arm, Run, Stage
 from thalweg.bench.suite.builtin import SUITES, load_suite
@@ -225,7 +225,6 @@ def test_runs_on_other_banks_depend_on_their_version(tmp_path: Path, brook: Path
     for each, banks in ((meadow, True), (alone, True), (on_brook(brook), False), (package, False), (SUITE, False)):
         data = each.as_data()
         assert ("banks" in versions_of(each, TRAINED), has_banks(data)) == (banks, banks)
-        assert versions_today(data, "PPO", {}) == versions_of(each, TRAINED)
 
 
 def test_the_report_shows_levels_on_other_banks_and_the_real_rivers_of_the_package(monkeypatch: pytest.MonkeyPatch):
@@ -244,7 +243,8 @@ def test_the_report_shows_levels_on_other_banks_and_the_real_rivers_of_the_packa
 
 def test_records_of_suites_without_rivers_are_as_before_there_were_some():
     for suite in SUITES.values():
-        assert not {"files", "rivers"} & suite.as_data().keys() and not suite.has_banks
+        data = suite.as_data()
+        assert not {"files", "rivers"} & data.keys() and not has_banks(data)
 
 
 def test_a_level_with_other_banks_has_the_oracles_front_of_that_with_forest():

@@ -26,16 +26,9 @@ from thalweg.bench.execute.river_files import recorded_rivers
 from thalweg.bench.report.report import Report, write_report
 from thalweg.bench.results.curve import write_curve
 from thalweg.bench.results.outdated import discard, is_current, prepare
-from thalweg.bench.results.reading import read_results, with_films
+from thalweg.bench.results.reading import read_results, versions_today, with_films
 from thalweg.bench.results.results import Results, RunRow, read_runs, write_runs
-from thalweg.bench.results.run_versions import (
-    current_sources,
-    current_versions,
-    read_sources,
-    read_versions,
-    some_cost_critics_are_told,
-    some_critics_are_asymmetric,
-)
+from thalweg.bench.results.run_versions import current_sources, read_sources, read_versions
 from thalweg.bench.suite.arms import Run
 from thalweg.bench.suite.config import Suite
 from thalweg.bench.suite.record import read_suite
@@ -43,7 +36,6 @@ from thalweg.core.machine import machine_info, package_versions
 from thalweg.core.plugins.record import PluginWarning, changed_source
 from thalweg.core.run_folder import FolderKind
 from thalweg.core.suggestion import did_you_mean
-from thalweg.train.observations import FRAMES
 
 RESULTS_FOLDER = FolderKind("suite", "suite.json", ResultsError)
 
@@ -197,25 +189,8 @@ def _arms_by_name(record: dict[str, Any]) -> dict[str, Any]:
 
 def versions_of(suite: Suite, run: Run) -> dict[str, int | None]:
     """Return the current versions of what a run depends on."""
-    where: dict[str, Any] = {"task": suite.task, "forces": suite.forces.push, "banks": suite.has_banks}
-    if run.kind == "function":
-        seen, encoder = suite.observation_of(run) or FRAMES, suite.encoder_of(run)
-        made = current_versions(run.kind, (), observation=seen, encoder=encoder, **where)
-        return made | {run.algorithm: suite.function(run.algorithm).policy.version}
-    if run.kind != "train":
-        return current_versions(run.kind, [run.algorithm], **where)
-    arm = suite.arm(run.algorithm)
-    stages = [(stage.algorithm, stage.settings, stage.preset) for stage in (*arm.before, arm)]
-    return current_versions(
-        run.kind,
-        [algorithm for algorithm, _, _ in stages],
-        observation=suite.observation_of(run) or FRAMES,
-        encoder=suite.encoder_of(run),
-        asymmetric_critics=some_critics_are_asymmetric(stages),
-        told_cost_critics=some_cost_critics_are_told(stages),
-        begins_with_packaged=bool(arm.begin_with),
-        **where,
-    )
+    own = {run.algorithm: suite.function(run.algorithm).policy.version} if run.kind == "function" else {}
+    return versions_today(suite.as_data(), run.algorithm, own)
 
 
 def _sources_of(suite: Suite, run: Run) -> dict[str, str]:

@@ -157,6 +157,16 @@ def needs_training(recorded: Versions, current: Versions) -> bool:
     return any(recorded.get(name) != version for name, version in current.items() if name != EVALUATION)
 
 
+def changed_versions(recorded: Versions, current: Versions) -> dict[str, int | None]:
+    """Those of the versions `recorded` that differ from the current ones."""
+    return {name: version for name, version in recorded.items() if current.get(name) != version}
+
+
+def added_versions(recorded: Versions, current: Versions) -> dict[str, int | None]:
+    """The current versions of what a run did not record, since it was made before there were any."""
+    return {name: version for name, version in current.items() if name not in recorded}
+
+
 def version_label(recorded: Versions, current: Versions) -> str:
     """The versions of an outdated run that differ from the current ones, such as `render 1, PPO 1`; where none does,
     those that it was made before, such as `before deadlines 1`; empty for another run."""
@@ -164,8 +174,8 @@ def version_label(recorded: Versions, current: Versions) -> str:
         return ""
     if not recorded:
         return UNKNOWN
-    differing = [f"{name} {version}" for name, version in recorded.items() if current.get(name) != version]
-    return ", ".join(differing or [f"before {name} {new}" for name, new in current.items() if name not in recorded])
+    differing = [f"{name} {version}" for name, version in changed_versions(recorded, current).items()]
+    return ", ".join(differing or [f"before {name} {new}" for name, new in added_versions(recorded, current).items()])
 
 
 def read_versions(folder: Path) -> dict[str, Versions]:

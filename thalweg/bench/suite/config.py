@@ -18,7 +18,6 @@ from thalweg.bench.evaluate.rivers import (
     RIVERS,
     Files,
     check_files,
-    is_on_banks,
     reaches_of,
     recorded_reach,
     refuse_unknown_levels,
@@ -309,12 +308,6 @@ class Suite:
         """Names of all levels and real rivers that are trained on, or flown on in place of a level."""
         trained = [stage.level or self.train_level for arm in self.arms for stage in (*arm.before, arm)]
         return list(dict.fromkeys([self.train_level, *trained, *self.test_levels]))
-
-    @property
-    def has_banks(self) -> bool:
-        """Whether banks other than forest are trained on or flown on, also under a condition alone."""
-        own = [level for condition in self.conditions for level in condition.levels]
-        return any(map(is_on_banks, (*map(self.ground, self.grounds), *own, *self.reaches_flown.values())))
 
     @property
     def reaches_flown(self) -> dict[tuple[str, str], Reach]:

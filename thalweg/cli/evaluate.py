@@ -138,7 +138,10 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.bench.evaluate.shielded import FlightShield, check_masks, check_moves
     from thalweg.bench.results.results import Results
     from thalweg.cli.tables import make_console, print_tables
+    from thalweg.core.notices import notice
     from thalweg.render import Randomisation
+    from thalweg.train.fast_steps import other_steps_in_words
+    from thalweg.train.observations import context_of
     from thalweg.world import Reach, level_named
 
     console = make_console()
@@ -150,6 +153,8 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     if command.sample:
         policy = sampling(policy, command.policy)
     config = command.config_for(policy)  # what does not go together is refused before anything is loaded
+    if "env" in context_of(policy) and (told := other_steps_in_words(policy, config.env.task)):
+        notice(told)
     encoder = _encoder_for(policy, command, config.env)
     if command.shield:
         check_masks(policy, encoder)

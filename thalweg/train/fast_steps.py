@@ -11,12 +11,24 @@ from thalweg.algos.policy.policy import OptionCopy, Policy
 from thalweg.env.spaces import FORWARD
 from thalweg.env.tasks import PAPER_TASK, task_named
 from thalweg.train.errors import TrainingError
-from thalweg.train.observations import task_of
+from thalweg.train.observations import action_of, task_of
 
 FAST_SHARE = 0.1
 """Share of the moves forward that are fast at first."""
 FORWARD_OPTION, FAST_OPTION = 0, 2
 """Options of the branch forward."""
+
+
+def _have_fast_steps(policy: Any, task: str) -> tuple[bool, bool]:
+    """Return whether the task that a policy was trained on has fast steps, and whether a `task` has them.
+
+    Raises `TrainingError` for a policy of a task that is not known here.
+    """
+    try:
+        has, needs = (task_named(name).fast_step_m > 0.0 for name in (task_of(policy), task))
+    except ValueError as error:
+        raise TrainingError(f"the policy was trained on a task that is not here: {error}") from error
+    return has, needs
 
 
 def fast_step_of(policy: Any, task: str) -> OptionCopy | None:
@@ -27,10 +39,7 @@ def fast_step_of(policy: Any, task: str) -> OptionCopy | None:
     but numbers, of which other ones are fast steps, and for one of a task that is not known here.
     """
     trained_on = task_of(policy)
-    try:
-        has, needs = (task_named(name).fast_step_m > 0.0 for name in (trained_on, task))
-    except ValueError as error:
-        raise TrainingError(f"the policy to begin with was trained on a task that is not here: {error}") from error
+    has, needs = _have_fast_steps(policy, task)
     if has and not needs:
         raise TrainingError(
             f"the policy to begin with was trained on {trained_on}, which has fast steps, and {task} has none; begin"
@@ -52,3 +61,20 @@ def fast_step_in_words(policy: Any, task: str) -> str:
         f"the policy to begin with was trained on {task_of(policy)}, which has no fast step: in {task},"
         f" {FAST_SHARE:.0%} of its moves forward are fast at first"
     )
+
+
+def other_steps_in_words(policy: Any, task: str) -> str:
+    """Return what the moves of a trained policy become in a `task` with other fast steps than that of its training, as
+    a sentence; empty if both have a fast step, or neither has, and for a policy of a task that is not known here."""
+    try:
+        has, needs = _have_fast_steps(policy, task)
+    except TrainingError:
+        return ""
+    if has == needs:
+        return ""
+    numbers = action_of(policy) == "continuous"
+    if has:
+        becomes = "its moves forward are shorter" if numbers else "where it would take one, it does not move forward"
+        return f"the policy was trained on {task_of(policy)}, which has fast steps; {task} has none: {becomes}"
+    becomes = "its moves forward are longer" if numbers else "its option forward that did nothing is one"
+    return f"the policy was trained on {task_of(policy)}, which has no fast step; in {task} {becomes}"

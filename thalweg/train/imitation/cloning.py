@@ -34,14 +34,12 @@ from thalweg.train.imitation.flights import lesson_of
 from thalweg.train.imitation.mask_noise import corrupt
 from thalweg.train.imitation.mirroring import mirror
 from thalweg.train.imitation.recorded_flights import RecordedFlights
-from thalweg.train.imitation.student_trainer import StudentTrainer
+from thalweg.train.imitation.student_trainer import StudentTrainer, begin_student
 from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics
 from thalweg.train.run_in_folder import (
     RunResult,
     check_numbers,
-    initialise_policy,
     open_folder,
-    policy_file,
     result_of,
     train_to_end,
 )
@@ -102,7 +100,7 @@ class Cloning:
         with torch_threads(1):
             student = Student(config, actions, MOVE_OPTIONS, sizes, self.seed, identity["context"], device)
         if self.begin_with is not None:
-            identity["begin_with"] = initialise_policy(student.policy, policy_file(self.begin_with))
+            identity["begin_with"] = begin_student(student, self.begin_with)
         status = open_folder(self.folder, identity, threads)
         if status.get("state") == "finished":
             return result_of(self.folder, status, resumed_from=None, already_finished=True)

@@ -28,14 +28,13 @@ from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, device_identity, read_config, read_context, require_same
 from thalweg.train.imitation.gate import check_teacher, flown_by
+from thalweg.train.imitation.student_trainer import begin_student
 from thalweg.train.imitation.trainer import ImitationTrainer
 from thalweg.train.river import announce_build, banks_version, print_once
 from thalweg.train.run_in_folder import (
     RunResult,
     check_numbers,
-    initialise_policy,
     open_folder,
-    policy_file,
     result_of,
     train_to_end,
 )
@@ -93,7 +92,7 @@ class Imitation:
         with torch_threads(1):
             student = self.new_student(config, actions_of(action_space(rules.action)), identity["context"], device)
         if self.begin_with is not None:
-            identity["begin_with"] = initialise_policy(student.policy, policy_file(self.begin_with))
+            identity["begin_with"] = begin_student(student, self.begin_with)
         new = (existing := read_config(self.folder)) is None
         if existing is not None:
             require_same(self.folder, existing["run"], identity)

@@ -2,11 +2,25 @@
 
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from thalweg.algos.imitation.student import Lesson, Student
 from thalweg.core.compute.torch_threads import torch_threads
+from thalweg.env.tasks import PAPER_TASK
+from thalweg.train.fast_steps import fast_step_of
 from thalweg.train.rollouts.episodes import EpisodeStatistics
+from thalweg.train.run_in_folder import initialise_policy, load_policy, policy_file
+
+
+def begin_student(student: Student, begin_with: Path) -> dict[str, Any]:
+    """Let a student begin with the weights of a policy, and return what identifies its file.
+
+    Raises `AlgorithmError` for a policy of another kind, and `TrainingError` for one with fast steps, which students
+    have not.
+    """
+    fast_step_of(load_policy(begin_with), PAPER_TASK)
+    return initialise_policy(student.policy, policy_file(begin_with))
 
 
 class StudentTrainer:

@@ -5,13 +5,13 @@
     python benchmarks/starts.py --write               # the table of docs/packaged-policy.md
 
 Every start is one that the rules allow, at random on rivers on which nothing is trained. A start fails if its flight
-ends within `STEPS`. starts.csv has a row for each level, range of angles, and water in view: `ahead`, if more of it
-lies ahead along the course than behind, `behind` otherwise, and `none` if less than `WATER_SHARE` of the frame shows
-water further along the course than `NEAR_M`.
+ends within `STEPS`. starts.csv names the policy by the hash of its file, and has a row for each level, range of angles,
+and water in view: `ahead`, if more of it lies ahead along the course than behind, `behind` otherwise, and `none` if
+less than `WATER_SHARE` of the frame shows water further along the course than `NEAR_M`.
 """
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -22,12 +22,15 @@ from page_sections import replace_section, wrap
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.bench.report.table import frame, markdown
+from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.cache import file_hash
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import Renderer
 from thalweg.train import load_policy
+from thalweg.train.run_in_folder import policy_file
 from thalweg.world import LEVELS, World, load_or_build
 from thalweg.world.record import River
 
@@ -35,7 +38,9 @@ HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "packaged-policy.md"
 TABLE = HERE / "starts.csv"
 SECTION = "starts"
-COLUMNS = ("level", "off_from", "off_to", "water", "starts", "failures")
+MADE_WITH = ("policy", "world", "render", "rules")
+"""Columns that tell with what flights were made: a hash of the policy's file, and versions."""
+COLUMNS = (*MADE_WITH, "level", "off_from", "off_to", "water", "starts", "failures")
 RIVERS = range(4000, 4016)
 """Seeds of the rivers of each level."""
 OFF_DEG = (0, 20, 45, 60, 70, 90)
@@ -123,14 +128,22 @@ def ahead_m(river: River, here: np.ndarray, points: np.ndarray) -> np.ndarray:
     return (metres + river.length_m / 2) % river.length_m - river.length_m / 2 if river.closed else metres
 
 
-def rows_of(level: str, off: np.ndarray, water: np.ndarray, failed: np.ndarray) -> list[dict[str, str]]:
-    """Return the rows of a level; off, water and failed [N] as of `failures_at`."""
+def made_with(path: Path) -> dict[str, str]:
+    """Return `MADE_WITH` of flights of a policy today."""
+    values = file_hash(policy_file(path)), versions.WORLD, versions.RENDER, versions.RULES
+    return dict(zip(MADE_WITH, map(str, values), strict=True))
+
+
+def rows_of(
+    level: str, off: np.ndarray, water: np.ndarray, failed: np.ndarray, made: Mapping[str, str]
+) -> list[dict[str, str]]:
+    """Return the rows of a level; off, water and failed [N] as of `failures_at`, made as of `made_with`."""
     rows = []
     for low, high in pairwise(OFF_DEG):
         for view in VIEWS:
             chosen = (low <= off) & (off < high) & (water == view)
             values = level, low, high, view, chosen.sum(), (chosen & failed).sum()
-            rows.append(dict(zip(COLUMNS, map(str, values), strict=True)))
+            rows.append({**made, **dict(zip(COLUMNS[len(MADE_WITH) :], map(str, values), strict=True))})
     return rows
 
 
@@ -175,12 +188,14 @@ def main() -> None:
     if given.starts < 1:
         parser.error("--starts must be at least 1")
     if given.write:
-        section = page_section(read_csv(given.out, COLUMNS))
+        rows, today = read_csv(given.out, COLUMNS), made_with(given.policy)
+        current = [row for row in rows if {name: row[name] for name in MADE_WITH} == today]
+        section = page_section(current) if current else "Nothing was measured with today's policy.\n"
         write_atomic(PAGE, replace_section(PAGE.read_text(encoding="utf-8"), SECTION, section))
         return
     rows = []
     for level in given.levels:
-        rows += rows_of(level, *failures_at(given.policy, level, given.starts, STEPS))
+        rows += rows_of(level, *failures_at(given.policy, level, given.starts, STEPS), made_with(given.policy))
         print(page_section(rows), flush=True)
     write_atomic(given.out, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in rows)))
 

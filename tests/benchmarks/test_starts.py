@@ -10,6 +10,8 @@ import pytest
 
 from thalweg.world import World
 
+MADE = {"policy": "abc", "world": "1", "render": "1", "rules": "1"}
+
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
@@ -20,7 +22,7 @@ def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 def test_every_start_counts_once_in_its_range(script: ModuleType):
     off, water = np.array([0.0, 19.9, 20.0, 79.0]), np.array(["ahead", "none", "behind", "none"])
-    rows = script.rows_of("Easy", off, water, np.array([True, False, True, True]))
+    rows = script.rows_of("Easy", off, water, np.array([True, False, True, True]), MADE)
     found = {(row["off_from"], row["water"]): (row["starts"], row["failures"]) for row in rows if row["starts"] != "0"}
     assert found == {
         ("0", "ahead"): ("1", "1"),
@@ -32,10 +34,26 @@ def test_every_start_counts_once_in_its_range(script: ModuleType):
 
 def test_the_table_has_shares_of_each_range_and_of_all(script: ModuleType):
     off, water = np.array([10.0, 10.0, 75.0]), np.array(["ahead", "ahead", "none"])
-    section = script.page_section(script.rows_of("Hard", off, water, np.array([True, False, True])))
+    section = script.page_section(script.rows_of("Hard", off, water, np.array([True, False, True]), MADE))
     assert "| Hard | 0° to 20° | 50.0% of 2 |  |  |" in section
     assert "| Hard | 70° to 90° |  |  | 100.0% of 1 |" in section
     assert "| Hard | all | 50.0% of 2 |  | 100.0% of 1 |" in section
+
+
+def test_the_page_shows_no_starts_of_another_policy(
+    script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    page, out, policy = tmp_path / "page.md", tmp_path / "starts.csv", tmp_path / "mine.safetensors"
+    policy.write_bytes(b"one")
+    page.write_text("<!-- starts -->\n<!-- /starts -->\n")
+    monkeypatch.setattr(script, "PAGE", page)
+    rows = script.rows_of("Hard", np.array([10.0]), np.array(["ahead"]), np.array([True]), script.made_with(policy))
+    out.write_text(script.csv_text(script.COLUMNS, ([row[name] for name in script.COLUMNS] for row in rows)))
+    monkeypatch.setattr(sys, "argv", ["starts.py", "--write", "--out", str(out), "--policy", str(policy)])
+    for content, shown in ((b"one", "| Hard | all | 100.0% of 1 |"), (b"other", "Nothing was measured")):
+        policy.write_bytes(content)
+        script.main()
+        assert shown in page.read_text() and page.read_text().startswith("<!-- starts -->\n")
 
 
 @pytest.fixture(scope="module")

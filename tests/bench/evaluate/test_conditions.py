@@ -100,6 +100,22 @@ def test_a_single_start_of_a_varied_course_keeps_its_appearance(easy_world: Worl
     np.testing.assert_array_equal(alone.looks, course.looks[2:])
 
 
+def test_a_start_has_the_appearance_of_its_place_in_the_list_and_only_its_sun_is_baked(easy_world: World):
+    ranges, course = (
+        Randomisation.only(haze=(0.3, 6.0), sun_azimuth_deg=(0.0, 360.0), suns=3),
+        Course.on(easy_world, CONFIG),
+    )
+    whole = course.varied(ranges, CONFIG)
+    assert whole.looks is not None and whole.suns is not None
+    assert {world.sun_azimuth for world in whole.lights} <= {angles[0] for angles in ranges.lights(easy_world.seed)}
+    for index in range(3):
+        one = course.only(index).varied(ranges, CONFIG)
+        assert one.looks is not None and one.suns is not None and len(one.lights) == 1
+        np.testing.assert_array_equal(one.looks[0], whole.looks[index])
+        assert one.lights[one.suns[0]].sun_azimuth == whole.lights[whole.suns[index]].sun_azimuth
+    assert len({*whole.looks[:, PARAMETERS.index("haze")]}) == 3
+
+
 def test_each_parameter_of_the_appearance_has_a_condition_and_all_have_one_together():
     varied = [condition.varied for condition in CONDITIONS if condition.varied]
     assert {part for parts in varied[:-1] for part in parts} == {*PARAMETERS, *SUN}

@@ -14,7 +14,6 @@ from pydantic import Field, InstanceOf
 from thalweg.bench.csv_files import ResultsError
 from thalweg.core.config import frozen_config
 from thalweg.env import EnvConfig, sample_starts
-from thalweg.env.frame_renderer import relit_worlds
 from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.env.rivers.sounded_river import load_or_sound
@@ -135,12 +134,15 @@ class Course:
         )
 
     def varied(self, randomisation: Randomisation, config: EvaluationConfig) -> "Course":
-        """Return the course with a random appearance for each start, the same for every policy."""
+        """Return the course with a random appearance for each start, that of its place in the list, the same for every
+        policy. Only suns that some start has are baked."""
         seeds = np.random.SeedSequence(EVALUATION + config.starts_seed, spawn_key=(LOOKS,))
         generator = np.random.default_rng(seeds)
-        drawn = [randomisation.draw(generator) for _ in self.indices]
-        lights = relit_worlds([self.world], randomisation) if randomisation.suns else []
-        looks, suns = np.array([look for look, _ in drawn]), np.array([sun for _, sun in drawn])
+        drawn = [randomisation.draw(generator) for _ in range(self.indices.max(initial=-1) + 1)]
+        looks, suns = (np.array([drawn[index][part] for index in self.indices]) for part in (0, 1))
+        used, suns = np.unique(suns, return_inverse=True)
+        angles = randomisation.lights(self.world.seed)
+        lights = [self.world.relit(*angles[sun]) for sun in used] if randomisation.suns else []
         return replace(self, looks=looks, lights=tuple(lights), suns=suns)
 
     def only(self, index: int) -> "Course":

@@ -24,7 +24,7 @@ from thalweg.env.task.progress import (
     sample_rows,
     track_projection,
 )
-from thalweg.env.task.rules import afloat
+from thalweg.env.task.rules import afloat, begin_task
 from thalweg.env.task.termination import (
     TOLERANCE,
     first_bridge_hit,
@@ -52,6 +52,22 @@ class UnsafePoseError(ValueError):
 def travel_direction(courses, world, projection, yaw):
     """Return the direction along the course, 1 or -1, that is closer to a heading."""
     return 1 if yaw_deviation(courses, world, projection, yaw, 1) <= 0.5 * math.pi else -1
+
+
+@kernel(fastmath=False, allocates=False)
+def begin_at_pose(row, courses, limits, state, scene):
+    """Set the state of environment `row`, all but its time, to that before the first step of an episode at its pose;
+    scene: seed of what moves on the river."""
+    world = state.world[row]
+    projection = project_anywhere(courses, world, state.pose[row, 0], state.pose[row, 1])
+    state.segment[row] = projection.segment
+    state.travel[row] = travel_direction(courses, world, projection, state.pose[row, 3])
+    for segment in range(state.visited.shape[1]):
+        state.visited[row, segment] = 0
+    state.visited_count[row] = 0
+    state.steps[row] = 0
+    state.idle[row] = 0
+    begin_task(row, courses, limits, state, projection, scene)
 
 
 @kernel(fastmath=False, allocates=False)

@@ -62,7 +62,11 @@ class Observer:
                 getattr(self.last, of)[:] = state[key]
 
     def views(self, courses: CourseArrays, state: State, rows: np.ndarray | slice = slice(None)) -> Views:
-        """Return copies of what the environments `rows` see and feel in a state."""
+        """Return copies of what the environments `rows` see and feel in a state; their poses alone where nothing is
+        observed."""
+        if self.config.observation == "none":
+            others: list[Any] = [None] * (len(Views._fields) - 1)
+            return Views(state.pose[rows].copy(), *others)
         views = self.frames.views(state, rows)
         if self.last is None:
             return views

@@ -14,8 +14,8 @@ import numpy as np
 from thalweg.core.compute.counter_random import scene_of, uniform
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
-from thalweg.env.initial_poses import CLOCK_RANGE_S, DRAWS, MAX_TRIES, project_anywhere, travel_direction, try_start
-from thalweg.env.task.rules import begin_task, clear_outcome, step_one
+from thalweg.env.initial_poses import CLOCK_RANGE_S, DRAWS, MAX_TRIES, begin_at_pose, try_start
+from thalweg.env.task.rules import clear_outcome, step_one
 
 LOOK_COUNTER = DRAWS
 """Counter of the uniform number of an episode that chooses its look; the first DRAWS are those of a start."""
@@ -68,15 +68,7 @@ def reset_one(row, courses, limits, reset, state, draws):
         if try_start(courses, world, limits, reset.spread, reset.clearance, draws, state.pose[row]):
             break
     state.time_s[row] = CLOCK_RANGE_S * draws[5]
-    projection = project_anywhere(courses, world, state.pose[row, 0], state.pose[row, 1])
-    state.segment[row] = projection.segment
-    state.travel[row] = travel_direction(courses, world, projection, state.pose[row, 3])
-    for segment in range(courses.segments[world]):
-        state.visited[row, segment] = 0
-    state.visited_count[row] = 0
-    state.steps[row] = 0
-    state.idle[row] = 0
-    begin_task(row, courses, limits, state, projection, scene_of(seed, episode))
+    begin_at_pose(row, courses, limits, state, scene_of(seed, episode))
     if reset.per_episode != 0 or episode == 0:
         reset.look[row] = int(uniform(seed, episode, LOOK_COUNTER) * reset.looks)
     reset.episode[row] = episode + 1

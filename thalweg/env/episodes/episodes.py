@@ -9,10 +9,10 @@ from thalweg.env import snapshot
 from thalweg.env.config import EnvConfig
 from thalweg.env.forces.of_many import ForcesOfMany, check_forces
 from thalweg.env.frame_renderer import FrameRenderer
-from thalweg.env.initial_poses import project_anywhere, random_clock, random_start, travel_direction
+from thalweg.env.initial_poses import begin_at_pose, project_anywhere, random_clock, random_start
 from thalweg.env.observer import Observer
 from thalweg.env.rivers.assignment import Rivers
-from thalweg.env.task.rules import TASK_STATE, afloat, begin_task, clear_outcome, empty_outcome, empty_state, pose_of
+from thalweg.env.task.rules import TASK_STATE, afloat, clear_outcome, empty_outcome, empty_state, pose_of
 
 LARGEST_SCENE = 2**62
 """Seeds of what moves in an episode are below this number."""
@@ -67,19 +67,13 @@ class Episodes:
             pose, time_s = random_start(courses, world, self.config, limits, generator, self.rivers.name(row))
         else:
             time_s = random_clock(generator)
-        state.pose[row] = pose
-        x, y, _, yaw = state.pose[row]
-        projection = project_anywhere(courses, world, x, y)
-        state.pose[row] = afloat(courses, world, limits, projection, pose_of(state.pose, row))
+        state.pose[row], state.time_s[row] = pose, time_s
+        if limits.is_boat:
+            projection = project_anywhere(courses, world, *state.pose[row, :2])
+            state.pose[row] = afloat(courses, world, limits, projection, pose_of(state.pose, row))
         self.observer.start(row, state.pose[row])
-        state.segment[row] = projection.segment
-        state.travel[row] = travel_direction(courses, world, projection, yaw)
-        state.visited[row] = 0
-        state.visited_count[row] = state.steps[row] = state.idle[row] = 0
-        state.time_s[row] = time_s
-        if self.config.task != "River":
-            scene = int(generator.integers(LARGEST_SCENE)) if courses.swimmers[world] else 0
-            begin_task(row, courses, limits, state, projection, scene)
+        scene = int(generator.integers(LARGEST_SCENE)) if courses.swimmers[world] else 0
+        begin_at_pose(row, courses, limits, state, scene)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Return copies of everything that the future depends on, random generators included."""

@@ -80,7 +80,7 @@ def results_of_the_page() -> str:
 
 
 def _versions_of_encoders() -> list[str]:
-    """Return the versions of the encoder study beside those of today."""
+    """Return the versions of the encoder study that differ from those of today, see `beside_todays`."""
     recorded, today = json.loads((ENCODERS / "study.json").read_text(encoding="utf-8"))["versions"], current_versions()
     return beside_todays(recorded, today)
 

@@ -39,7 +39,7 @@ PAGE = HERE.parent / "docs" / "packaged-policy.md"
 TABLE = HERE / "starts.csv"
 SECTION = "starts"
 MADE_WITH = ("policy", "world", "render", "rules")
-"""Columns that tell with what flights were made: a hash of the policy's file, and versions."""
+"""Columns of what flights depend on: a hash of the policy's file, and versions."""
 COLUMNS = (*MADE_WITH, "level", "off_from", "off_to", "water", "starts", "failures")
 RIVERS = range(4000, 4016)
 """Seeds of the rivers of each level."""
@@ -137,7 +137,7 @@ def made_with(path: Path) -> dict[str, str]:
 def rows_of(
     level: str, off: np.ndarray, water: np.ndarray, failed: np.ndarray, made: Mapping[str, str]
 ) -> list[dict[str, str]]:
-    """Return the rows of a level; off, water and failed [N] as of `failures_at`, made as of `made_with`."""
+    """Return the rows of a level; off, water and failed [N] are those of `failures_at`, made that of `made_with`."""
     rows = []
     for low, high in pairwise(OFF_DEG):
         for view in VIEWS:
@@ -188,9 +188,10 @@ def main() -> None:
     if given.starts < 1:
         parser.error("--starts must be at least 1")
     if given.write:
-        rows, today = read_csv(given.out, COLUMNS), made_with(given.policy)
+        rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
+        today = made_with(given.policy)
         current = [row for row in rows if {name: row[name] for name in MADE_WITH} == today]
-        section = page_section(current) if current else "Nothing was measured with today's policy.\n"
+        section = page_section(current) if current else "Nothing was measured with today's policy and versions.\n"
         write_atomic(PAGE, replace_section(PAGE.read_text(encoding="utf-8"), SECTION, section))
         return
     rows = []

@@ -129,8 +129,8 @@ def earlier_versions(results: Results) -> list[str]:
 
 
 def beside_todays(recorded: Versions, today: Versions) -> list[str]:
-    """Return the versions `recorded` that differ from those of today, with these in brackets; where none does, those
-    that they were made before."""
+    """Return the versions `recorded` that differ from those of today, with these in brackets; if none does, the
+    versions of today that are missing there; none without a record."""
     changed = changed_versions(recorded, today)
     if changed or not recorded:
         return [f"{name} {version} (today {today.get(name)})" for name, version in changed.items()]

@@ -1,4 +1,4 @@
-"""How well the packaged finder of water finds it, in frames of rivers held out of its training, under all looks.
+"""IoU of the packaged finder of water in frames of rivers held out of its training, under all looks.
 
     python benchmarks/water_iou.py            # writes water_iou.csv
     python benchmarks/water_iou.py --write    # the table of docs/follow.md, drawing nothing
@@ -32,6 +32,7 @@ RIVERS = range(3000, 3002)
 FRAMES, SEED = 200, 7
 """Frames of each level, and the seed of their poses, clocks and looks."""
 SOME_WATER = 0.05
+"""Share of a frame."""
 SUNS = {"own": 0, "others": 4}
 """Suns under which each river is drawn: its own alone, or as many others."""
 FIGURES = {
@@ -40,7 +41,8 @@ FIGURES = {
     "pixels_iou": "IoU of all pixels together",
 }
 """Columns, and what the page calls them."""
-MADE_WITH = ("segmenter", "render", "world")
+MADE_WITH = ("segmenter", "render", "world", "rules")
+"""Columns of what figures depend on: a hash of the file, and versions."""
 COLUMNS = (*MADE_WITH, "level", "suns", "frames", *FIGURES)
 
 
@@ -53,7 +55,9 @@ def figures_of(found: np.ndarray, truth: np.ndarray) -> dict[str, float]:
 
 def made_with(segmenter: Path) -> dict[str, str]:
     """Return `MADE_WITH` of figures of today."""
-    return dict(zip(MADE_WITH, map(str, (file_hash(segmenter), versions.RENDER, versions.WORLD)), strict=True))
+    return dict(
+        zip(MADE_WITH, map(str, (file_hash(segmenter), versions.RENDER, versions.WORLD, versions.RULES)), strict=True)
+    )
 
 
 def measure(level: str, suns: str, segmenter: Path) -> dict[str, str]:
@@ -72,7 +76,9 @@ def table(rows: Sequence[Mapping[str, str]]) -> str:
         [words, *(f"{float(own[level][name]):.2f} / {float(others[level][name]):.2f}" for level in own)]
         for name, words in FIGURES.items()
     ]
-    heading = f"{FRAMES} frames of {len(RIVERS)} rivers held out, under all looks: under their suns / under others"
+    heading = (
+        f"{FRAMES} frames of {len(RIVERS)} rivers held out, all looks varied: with the suns of the rivers / with others"
+    )
     return markdown(frame([heading, *own], lines))
 
 
@@ -84,7 +90,8 @@ def main() -> int:
     given = parser.parse_args()
     if given.write:
         today = made_with(given.segmenter)
-        rows = [row for row in read_csv(given.out, COLUMNS) if {name: row[name] for name in MADE_WITH} == today]
+        found = read_csv(given.out, COLUMNS) if given.out.is_file() else []
+        rows = [row for row in found if {name: row[name] for name in MADE_WITH} == today]
         text = table(rows) if rows else "Nothing was measured with today's versions.\n"
         write_atomic(PAGE, replace_section(PAGE.read_text(encoding="utf-8"), SECTION, text))
         return 0

@@ -21,9 +21,9 @@ def masks(*counts: int) -> np.ndarray:
 
 
 def test_figures_are_means_of_frames_and_that_of_all_pixels(script: ModuleType):
-    found = script.figures_of(masks(40, 4, 2), masks(80, 2, 2))
+    found = script.figures_of(masks(40, 8, 2), masks(80, 2, 2))  # of which only the first has some water
     assert found == pytest.approx(
-        {"mean_iou": (0.5 + 0.5 + 1.0) / 3, "mean_iou_some_water": 0.5, "pixels_iou": (40 + 2 + 2) / (80 + 4 + 2)}
+        {"mean_iou": (0.5 + 0.25 + 1.0) / 3, "mean_iou_some_water": 0.5, "pixels_iou": (40 + 2 + 2) / (80 + 8 + 2)}
     )
 
 

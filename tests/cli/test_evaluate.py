@@ -1,5 +1,6 @@
 """Tests of the encoder that `thalweg evaluate` looks through, and of how it takes actions."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,7 +10,9 @@ import pytest
 
 from tests.cli.calibration import LENS
 from tests.image_policies import image_policy
+from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.episodes import read_episodes
+from thalweg.bench.evaluate.functions import FunctionPolicy
 from thalweg.cli.evaluate import Evaluate, _encoder_for, load_named_policy, sampling
 from thalweg.cli.flown_camera import camera_in_words, flown_camera
 from thalweg.cli.main import main
@@ -61,6 +64,25 @@ def test_the_hard_mode_of_the_papers_task_is_refused():
     policy: Any = SimpleNamespace(about=SimpleNamespace(context={}), obs_size=16)
     with pytest.raises(ConfigError, match="hard must be False in the task River"):
         Evaluate("run", hard=True).config_for(policy)
+
+
+def test_only_for_trained_policies_it_is_told_that_a_task_has_other_steps(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr("thalweg.cli.evaluate._encoder_for", lambda *_: sys.exit("loads encoders"))
+    racing = image_policy(env={"task": "RacingLine"})
+    for policy, task, told in (
+        (racing, "River", "RacingLine, which has fast steps; River has none"),
+        (racing, "Swimmers", ""),
+        (image_policy(env={}), "Swimmers", "River, which has no fast step; in Swimmers its third option"),
+        (FunctionPolicy(lambda image: (1, 1, 0, 1), name="mine"), "Swimmers", ""),
+        (BASELINES["hover"], "Swimmers", ""),
+    ):
+        monkeypatch.setattr("thalweg.cli.evaluate.load_named_policy", lambda *_, policy=policy: policy)
+        with pytest.raises(SystemExit, match="loads encoders"):
+            Evaluate("run", task=task).run()
+        found = capsys.readouterr().err
+        assert told in found if told else found == ""
 
 
 def test_the_packaged_policy_samples_if_asked_to():

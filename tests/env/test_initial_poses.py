@@ -10,7 +10,7 @@ import pytest
 from tests.env.handmade import canal, ring
 from tests.env.winding import river
 from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv, UnsafePoseError, sample_starts
-from thalweg.env.initial_poses import CLOCK_RANGE_S, check_pose
+from thalweg.env.initial_poses import CLOCK_RANGE_S, begin_at_pose, check_pose
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.termination import island_at
@@ -167,3 +167,14 @@ def test_an_open_course_never_starts_at_its_goal():
 def test_an_unknown_reset_option_lists_the_known_ones():
     with pytest.raises(ConfigError, match=r"'poes' \(did you mean 'pose'\?\); known: pose, reset_mask"):
         RiverVectorEnv(canal(), 1, EnvConfig(observation="none")).reset(options={"poes": [0, 0, 0, 0]})
+
+
+def test_an_episode_begins_without_anything_of_the_last_one_or_of_a_longer_river():
+    env = RiverVectorEnv([canal(), ring()], 2, EnvConfig(observation="none"))
+    env.reset(seed=1)
+    state = env.state
+    state.visited[:], state.visited_count[:], state.steps[:], state.idle[:] = 1, 9, 9, 9
+    begin_at_pose(0, env.courses, env.config.limits, state, 0)
+    assert not state.visited[0].any() and state.visited[1].all()
+    for kept in (state.visited_count, state.steps, state.idle):
+        assert kept.tolist() == [0, 9]

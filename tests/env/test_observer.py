@@ -315,3 +315,13 @@ def test_the_state_of_another_lens_is_refused():
     one.reset(seed=0)
     with pytest.raises(StateError, match="config"):
         other.set_state(one.get_state())
+
+
+def test_where_nothing_is_observed_poses_alone_are_copied():
+    env = made("none")
+    observations = flown(env, 3)[-1][0]
+    views = env.observer.views(env.courses, env.state)
+    np.testing.assert_array_equal(observations, env.state.pose)
+    assert all(value is None for name, value in views._asdict().items() if name != "pose")
+    env.state.pose[:] = 0.0
+    assert observations.any() and views.pose.any(), "copies"

@@ -1,7 +1,6 @@
-"""Policies that begin with one of a task without fast steps: what their third option forward becomes."""
+"""Policies that begin with one of another task, or fly there: what becomes of their moves forward."""
 
 import math
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +17,10 @@ from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.networks import NetworkShape
 from thalweg.algos.policy.policy import OptionCopy, Policy
 from thalweg.algos.policy.policy_file import About, load_policy
-from thalweg.cli.evaluate import Evaluate
 from thalweg.env import EnvConfig
 from thalweg.train import river
 from thalweg.train.errors import TrainingError
 from thalweg.train.fast_steps import fast_step_of, other_steps_in_words
-from thalweg.train.imitation import student_trainer
 from thalweg.train.river import RiverTraining
 
 FAST = OptionCopy(branch=2, option=2, like=0, times_rarer=9.0)
@@ -93,7 +90,9 @@ def test_a_policy_of_numbers_is_refused_where_they_would_be_other_moves(changes:
 
 
 def test_a_policy_of_a_task_that_is_not_here_is_refused():
-    with pytest.raises(TrainingError, match="trained on a task that is not here: task must be one of 'River'"):
+    with pytest.raises(
+        TrainingError, match="the task Swimmers, or Nowhere of the policy, is not here: task must be one of 'River'"
+    ):
         fast_step_of(policy("Nowhere"), "Swimmers")
 
 
@@ -107,33 +106,21 @@ def test_a_policy_of_a_task_that_is_not_here_is_refused():
             "RacingLine, which has fast steps; River has none: where it would take one, it",
         ),
         ("RacingLine", BOX, "River", "RacingLine, which has fast steps; River has none: its moves forward are shorter"),
-        ("River", OPTIONS, "RacingLine", "River, which has no fast step; in RacingLine its option forward that did no"),
+        (
+            "River",
+            OPTIONS,
+            "RacingLine",
+            "River, which has no fast step; in RacingLine its third option forward is one",
+        ),
         ("River", BOX, "RacingLine", "River, which has no fast step; in RacingLine its moves forward are longer"),
         ("Swimmers", OPTIONS, "RacingLine", ""),
         ("River", OPTIONS, "Nests", ""),
         ("Nowhere", OPTIONS, "RacingLine", ""),
     ],
 )
-def test_what_moves_become_where_steps_are_others_is_told(trained_on: str, space: Any, task: str, told: str):
+def test_it_is_told_what_becomes_of_moves_forward_in_another_task(trained_on: str, space: Any, task: str, told: str):
     found = other_steps_in_words(policy(trained_on, space), task)
     assert found.startswith(f"the policy was trained on {told}") if told else found == ""
-
-
-def test_the_command_that_flies_a_policy_elsewhere_tells_it(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    monkeypatch.setattr("thalweg.cli.evaluate.load_named_policy", lambda *_: policy("RacingLine"))
-    monkeypatch.setattr("thalweg.cli.evaluate._encoder_for", lambda *_: sys.exit("loads encoders"))
-    for task, lines in (("River", 1), ("Swimmers", 0)):
-        with pytest.raises(SystemExit, match="loads encoders"):
-            Evaluate("run", task=task).run()
-        assert capsys.readouterr().err.count("RacingLine, which has fast steps; River has none") == lines
-
-
-def test_a_student_does_not_begin_with_a_policy_that_has_fast_steps(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(student_trainer, "load_policy", lambda _: policy("RacingLine"))
-    with pytest.raises(TrainingError, match="trained on RacingLine, which has fast steps, and River has none"):
-        student_trainer.begin_student(None, Path("runs/racing"))  # pyright: ignore[reportArgumentType]
 
 
 def test_a_run_and_the_policy_that_it_stays_close_to_begin_with_the_copied_option(tmp_path: Path):

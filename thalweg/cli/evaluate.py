@@ -134,6 +134,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.bench.evaluate.baselines import DRAWN, sight_of
     from thalweg.bench.evaluate.episodes import Episode, write_episodes
     from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
+    from thalweg.bench.evaluate.functions import FunctionPolicy
     from thalweg.bench.evaluate.progress import complete, progress_bar, track_episodes
     from thalweg.bench.evaluate.shielded import FlightShield, check_masks, check_moves
     from thalweg.bench.results.results import Results
@@ -153,7 +154,8 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     if command.sample:
         policy = sampling(policy, command.policy)
     config = command.config_for(policy)  # what does not go together is refused before anything is loaded
-    if "env" in context_of(policy) and (told := other_steps_in_words(policy, config.env.task)):
+    trained = "env" in context_of(policy) and not isinstance(policy, FunctionPolicy)
+    if trained and (told := other_steps_in_words(policy, config.env.task)):
         notice(told)
     encoder = _encoder_for(policy, command, config.env)
     if command.shield:

@@ -34,7 +34,7 @@ ENCODER = 1
 TRAINING = 1
 """Collection of rollouts, and the training loop that all algorithms share."""
 STEADY = 4
-"""What the steady pilot gives to moves, which students learn from: with it rises `IMITATION`."""
+"""What the steady pilot gives to moves. Students learn from it, so that `IMITATION` rises with it."""
 IMITATION = 5
 """What students learn from what their teacher gives to moves."""
 EVALUATION = 1

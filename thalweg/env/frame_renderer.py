@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class Views(NamedTuple):
-    """What M cameras see."""
+    """What M cameras see. Where nothing is observed, only `pose` is there, and all else is None."""
 
     pose: np.ndarray
     """[M, 4] float64."""

@@ -56,7 +56,7 @@ def travel_direction(courses, world, projection, yaw):
 
 @kernel(fastmath=False, allocates=False)
 def begin_at_pose(row, courses, limits, state, scene):
-    """Set the state of environment `row`, all but its time, to that before the first step of an episode at its pose;
+    """Let an episode begin in environment `row` at the pose of its state: set the rest of the state but for the time;
     scene: seed of what moves on the river."""
     world = state.world[row]
     projection = project_anywhere(courses, world, state.pose[row, 0], state.pose[row, 1])

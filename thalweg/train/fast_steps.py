@@ -1,4 +1,4 @@
-"""Fast steps of policies that begin with a policy of another task.
+"""Fast steps of policies that begin with, or fly as, a policy of another task.
 
 In a task with a fast step the third option of the branch forward is one; elsewhere it is dead, or backward. A policy
 that was trained without fast steps hardly ever takes that option, or takes it to stay; neither says anything about fast
@@ -22,12 +22,12 @@ FORWARD_OPTION, FAST_OPTION = 0, 2
 def _have_fast_steps(policy: Any, task: str) -> tuple[bool, bool]:
     """Return whether the task that a policy was trained on has fast steps, and whether a `task` has them.
 
-    Raises `TrainingError` for a policy of a task that is not known here.
+    Raises `TrainingError` if either is not known here.
     """
     try:
         has, needs = (task_named(name).fast_step_m > 0.0 for name in (task_of(policy), task))
     except ValueError as error:
-        raise TrainingError(f"the policy was trained on a task that is not here: {error}") from error
+        raise TrainingError(f"the task {task}, or {task_of(policy)} of the policy, is not here: {error}") from error
     return has, needs
 
 
@@ -64,8 +64,8 @@ def fast_step_in_words(policy: Any, task: str) -> str:
 
 
 def other_steps_in_words(policy: Any, task: str) -> str:
-    """Return what the moves of a trained policy become in a `task` with other fast steps than that of its training, as
-    a sentence; empty if both have a fast step, or neither has, and for a policy of a task that is not known here."""
+    """Return what becomes of the moves forward of a trained policy in a `task`, if only one of both tasks has a fast
+    step, as a sentence; else empty, and also if either task is not known here."""
     try:
         has, needs = _have_fast_steps(policy, task)
     except TrainingError:
@@ -76,5 +76,5 @@ def other_steps_in_words(policy: Any, task: str) -> str:
     if has:
         becomes = "its moves forward are shorter" if numbers else "where it would take one, it does not move forward"
         return f"the policy was trained on {task_of(policy)}, which has fast steps; {task} has none: {becomes}"
-    becomes = "its moves forward are longer" if numbers else "its option forward that did nothing is one"
+    becomes = "its moves forward are longer" if numbers else "its third option forward is one"
     return f"the policy was trained on {task_of(policy)}, which has no fast step; in {task} {becomes}"

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from tests.datasets import episodes
+from tests.image_policies import image_policy
 from tests.train.imitation.test_imitate import rows
 from thalweg.algos.policy.vision import NO_OPTION
 from thalweg.cli.main import main
@@ -93,6 +94,14 @@ def test_a_student_begins_with_the_policy_of_another_run(tmp_path: Path):
     for mine, others in zip(second.actor.parameters(), first.actor.parameters(), strict=True):
         torch.testing.assert_close(mine, others, rtol=0.0, atol=1e-6)
     assert description_of(tmp_path / "second")["run"]["begin_with"]["algorithm"] == "BC"
+
+
+def test_a_student_does_not_begin_with_a_policy_that_has_fast_steps(tmp_path: Path):
+    image_policy(env={"task": "RacingLine"}).save(tmp_path / "racing.safetensors")
+    folder = recorded(tmp_path / "flights", flight(9))
+    with pytest.raises(TrainingError, match="trained on RacingLine, which has fast steps, and River has none"):
+        Cloning(tmp_path / "student", (folder,), 16, begin_with=tmp_path / "racing.safetensors", settings=SMALL).run()
+    assert not (tmp_path / "student").exists()
 
 
 def test_an_interrupted_run_resumes_to_the_same_numbers(

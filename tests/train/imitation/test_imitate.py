@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.image_policies import image_policy
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.imitation.config import ImitationConfig, Teacher
 from thalweg.algos.imitation.student import Lesson
@@ -172,6 +173,13 @@ def test_a_student_begins_with_the_weights_of_another(tmp_path: Path):
     imitation(tmp_path / "other", seed=2).run()
     with pytest.raises(TrainingError, match="begin_with"):
         imitation(tmp_path / "second", begin_with=tmp_path / "other", **still).run()
+
+
+def test_a_student_does_not_begin_with_a_policy_that_has_fast_steps(tmp_path: Path):
+    image_policy(env={"task": "RacingLine"}).save(tmp_path / "racing.safetensors")
+    with pytest.raises(TrainingError, match="trained on RacingLine, which has fast steps, and River has none"):
+        imitation(tmp_path / "student", begin_with=tmp_path / "racing.safetensors").run()
+    assert not (tmp_path / "student").exists()
 
 
 def test_a_student_does_not_begin_with_a_policy_of_another_kind(tmp_path: Path):

@@ -134,8 +134,8 @@ class Course:
         )
 
     def varied(self, randomisation: Randomisation, config: EvaluationConfig) -> "Course":
-        """Return the course with a random appearance for each start, that of its place in the list, the same for every
-        policy. Only suns that some start has are baked."""
+        """Return the course with a random appearance for each start. It depends on the start's place in the list alone,
+        so that it is the same for every policy. Suns that light no start are not baked."""
         seeds = np.random.SeedSequence(EVALUATION + config.starts_seed, spawn_key=(LOOKS,))
         generator = np.random.default_rng(seeds)
         drawn = [randomisation.draw(generator) for _ in range(self.indices.max(initial=-1) + 1)]

@@ -1,4 +1,5 @@
-"""What trainers of a student share: counters, timed learning, and the state from which a run resumes."""
+"""What trainers of a student share: the policy to begin with, counters, timed learning, and the state from which a run
+resumes."""
 
 import time
 from collections.abc import Sequence
@@ -16,8 +17,8 @@ from thalweg.train.run_in_folder import initialise_policy, load_policy, policy_f
 def begin_student(student: Student, begin_with: Path) -> dict[str, Any]:
     """Let a student begin with the weights of a policy, and return what identifies its file.
 
-    Raises `AlgorithmError` for a policy of another kind, and `TrainingError` for one with fast steps, which students
-    have not.
+    Raises `AlgorithmError` for a policy of another kind, and `TrainingError` for one with fast steps, of which students
+    have none, and for one of a task that is not known here.
     """
     fast_step_of(load_policy(begin_with), PAPER_TASK)
     return initialise_policy(student.policy, policy_file(begin_with))

@@ -198,6 +198,15 @@ def test_versions_of_every_arm_are_compared_with_those_of_today(script: ModuleTy
     assert flights_of.earlier_versions(replace(study(), versions=older)) == [told]
 
 
+def test_versions_that_differ_stand_beside_todays_and_else_those_that_are_missing(script: ModuleType):
+    flights_of = importlib.import_module("study_flights")
+    today = {"render": 3, "PPO": 2, "deadlines": 1}
+    assert flights_of.beside_todays({"render": 2, "PPO": 2}, today) == ["render 2 (today 3)"]
+    assert flights_of.beside_todays({"render": 3, "PPO": 2}, today) == ["before deadlines 1"]
+    assert flights_of.beside_todays({"render": 3, "gone": 1}, today) == ["gone 1 (today None)"]
+    assert flights_of.beside_todays(today, today) == flights_of.beside_todays({}, today) == []
+
+
 NUMBERS = ("No", "One", "Two", "Three", "Four", "Five", "Six")
 
 

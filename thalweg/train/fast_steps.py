@@ -1,4 +1,4 @@
-"""Fast steps of policies that begin with, or fly as, a policy of another task.
+"""Fast steps in policies of another task: at the beginning of a training, and in flights.
 
 In a task with a fast step the third option of the branch forward is one; elsewhere it is dead, or backward. A policy
 that was trained without fast steps hardly ever takes that option, or takes it to stay; neither says anything about fast
@@ -27,7 +27,7 @@ def _have_fast_steps(policy: Any, task: str) -> tuple[bool, bool]:
     try:
         has, needs = (task_named(name).fast_step_m > 0.0 for name in (task_of(policy), task))
     except ValueError as error:
-        raise TrainingError(f"the task {task}, or {task_of(policy)} of the policy, is not here: {error}") from error
+        raise TrainingError(f"the policy was trained on {task_of(policy)} and is to fly {task}: {error}") from error
     return has, needs
 
 

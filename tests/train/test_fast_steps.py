@@ -90,9 +90,7 @@ def test_a_policy_of_numbers_is_refused_where_they_would_be_other_moves(changes:
 
 
 def test_a_policy_of_a_task_that_is_not_here_is_refused():
-    with pytest.raises(
-        TrainingError, match="trained on Nowhere and is to fly Swimmers: task must be one of 'River'"
-    ):
+    with pytest.raises(TrainingError, match="trained on Nowhere and is to fly Swimmers: task must be one of 'River'"):
         fast_step_of(policy("Nowhere"), "Swimmers")
 
 

@@ -11,14 +11,17 @@ import pytest
 from tests.cli.calibration import LENS
 from tests.image_policies import image_policy
 from thalweg.bench.evaluate.baselines import BASELINES
-from thalweg.bench.evaluate.episodes import read_episodes
+from thalweg.bench.evaluate.episodes import Episode, read_episodes
 from thalweg.bench.evaluate.functions import FunctionPolicy
-from thalweg.cli.evaluate import Evaluate, _encoder_for, load_named_policy, sampling
+from thalweg.bench.report.result_tables import paper_table
+from thalweg.bench.results.results import Results
+from thalweg.cli.evaluate import Evaluate, _encoder_for, _is_papers_study, load_named_policy, sampling
 from thalweg.cli.flown_camera import camera_in_words, flown_camera
 from thalweg.cli.main import main
 from thalweg.cli.options import UsageError
 from thalweg.core.cache import file_hash
 from thalweg.env import ConfigError, EnvConfig
+from thalweg.env.physics.wind import Wind
 from thalweg.render import Camera, Renderer
 from thalweg.render.records import calibration
 from thalweg.render.records.calibration import camera_of_calibration
@@ -120,6 +123,38 @@ def test_options_that_a_policy_does_not_take_are_refused(
 ):
     assert main(["evaluate", *arguments]) == 2
     assert capsys.readouterr().err == f"thalweg: {message}\n"
+
+
+def test_a_device_that_is_not_there_is_refused_before_a_river_is_built(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr("thalweg.cli.evaluate._courses", lambda *_, **__: sys.exit("builds rivers"))
+    for policy in ("hover", "packaged"):
+        assert main(["evaluate", policy, "--unseen", "--device", "gpu"]) == 2
+        assert "gpu" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("policy", "options", "published"),
+    [
+        (image_policy(env={}), {}, True),
+        (image_policy(env={}), {"task": "Swimmers"}, False),
+        (image_policy(env={}), {"vehicle": "asv"}, False),
+        (image_policy(env={}), {"wind": "3"}, False),
+        (SimpleNamespace(sees="privileged"), {}, False),
+    ],
+    ids=["as the paper", "another task", "a boat", "wind", "the ideal eye"],
+)
+def test_published_figures_stand_beside_flights_as_the_papers_alone(policy: Any, options: dict, published: bool):
+    rules = EnvConfig(
+        task=options.get("task", "River"),
+        vehicle=options.get("vehicle", "uav"),
+        wind=Wind(3.0) if "wind" in options else None,
+    )
+    assert _is_papers_study(policy, rules) is published
+    flown = [Episode("PPO", 0, "Medium", 1, 0, 0.0, 0.0, 5.0, 0.0, 9.0, 0.0, 0.0, 0.0, 99, "Success", True, 0.5)]
+    names = paper_table(Results(Path(), {}, [], flown, [], []), published=published).text["policy"].tolist()
+    assert names == ["PPO", "PPO (paper, another simulator)"][: 1 + published]
 
 
 def test_another_camera_keeps_what_is_not_given():

@@ -101,6 +101,7 @@ class Evaluate(Command):
         return parse_seeds(self.world_seeds, "--world-seeds", UsageError)
 
     def run(self) -> int:
+        from thalweg.core.compute.device import resolve_device
         from thalweg.env.vehicle.levels import LEVELS_OF
 
         if self.sample and self.deterministic:
@@ -121,6 +122,7 @@ class Evaluate(Command):
                 else "--river, whose plants and hills --world-seed chooses"
             )
             raise UsageError(f"--world-seeds does not go with {other}")
+        resolve_device(self.device)  # before a river is built
         levels = [self.river.on_banks(level) for level in self.levels or LEVELS_OF[self.vehicle]]
         evaluate_and_print(self, levels if reach is None else (reach,))
         return 0
@@ -180,12 +182,21 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
                 complete(progress)
     if command.out is not None:
         write_episodes(command.out, rows)
-    print_tables(console, Results(Path(), {}, [], rows, [], []))
+    print_tables(console, Results(Path(), {}, [], rows, [], []), published=_is_papers_study(policy, config.env))
     if command.shield:
         vetoes, steps = sum(row.vetoes for row in rows), sum(row.length for row in rows)
         console.print(f"The shield replaced {vetoes:,} of {steps:,} moves.", highlight=False)
     if command.out is not None:
         console.print(f"One row per episode: {command.out}", highlight=False)
+
+
+def _is_papers_study(policy: "Policy | RecurrentPolicy", rules: "EnvConfig") -> bool:
+    """Return whether flights of a policy by these rules can be compared with the paper's."""
+    from thalweg.bench.evaluate.baselines import sight_of
+    from thalweg.env.tasks import PAPER_TASK
+
+    papers_rules = rules.task == PAPER_TASK and rules.vehicle == "uav" and not rules.has_forces
+    return papers_rules and sight_of(policy) != "privileged"
 
 
 def _name_of(policy: "Policy | RecurrentPolicy", command: Evaluate, camera: "Camera") -> str:

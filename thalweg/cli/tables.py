@@ -27,12 +27,13 @@ def _column(heading: str, index: int) -> Column:
     return Column(heading, justify="right" if index else "left", min_width=max(map(len, heading.split())))
 
 
-def print_tables(console: Console, results: Results, *, detail: bool = True) -> None:
-    """The paper's table, and with `detail` what it leaves out.
+def print_tables(console: Console, results: Results, *, detail: bool = True, published: bool = True) -> None:
+    """The paper's table, with the figures that it `published` where they can be compared, and with `detail` what it
+    leaves out.
 
     Where there is no terminal, lines are as long as the widest table needs; a narrow terminal breaks cells.
     """
-    texts = [paper_table(results).text] + ([detail_table(results).text] if detail else [])
+    texts = [paper_table(results, published=published).text] + ([detail_table(results).text] if detail else [])
     for text in texts:
         table = Table(*map(_column, text.columns, range(len(text.columns))))
         for row in text.itertuples(index=False, name=None):

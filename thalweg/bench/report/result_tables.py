@@ -21,16 +21,16 @@ PAPER_EPISODES, PAPER_SEEDS = 60, 3
 """Episodes and seeds of each published figure."""
 
 
-def paper_table(results: Results) -> Table:
+def paper_table(results: Results, *, published: bool = True) -> Table:
     """Return the paper's table: seeds, and return and cost on each level, ours and below them the published ones.
 
     Every algorithm of the results has a row; where it has no episodes, its cells say why. The figures have one row per
     policy and level, with `source` to tell the published ones apart. The published policies see frames and stand below
-    no policy that does not, nor below results by other rules.
+    no policy that does not, nor below results by other rules; nor anywhere unless `published` ones are asked for.
     """
     apart = results.privileged
-    comparable = PUBLISHED if has_papers_rules(results.suite) else {}
-    published = {pair: figures for pair, figures in comparable.items() if pair[0] not in apart}
+    comparable = PUBLISHED if published and has_papers_rules(results.suite) else {}
+    beside = {pair: figures for pair, figures in comparable.items() if pair[0] not in apart}
     by_policy_and_level = summaries(results.episodes)
     columns = ["policy", "seeds", *(f"{level} {what}" for level in results.levels for what in ("return", "cost"))]
     rows = []
@@ -40,15 +40,13 @@ def paper_table(results: Results) -> Table:
         ]
         flown = [cell.seeds for level in results.levels if (cell := by_policy_and_level.get((algorithm, level)))]
         rows.append([algorithm, _flown_seeds(results, algorithm, flown), *(text for pair in measured for text in pair)])
-        if any((algorithm, level) in published for level in results.levels):
+        if any((algorithm, level) in beside for level in results.levels):
             published_values = [_published_texts(algorithm, level) for level in results.levels]
             row = [f"{algorithm} ({PAPER})", str(PAPER_SEEDS), *(text for pair in published_values for text in pair)]
             rows.append(row)
     pairs = product(results.policies, results.levels)
     figures = [
-        row
-        for pair in pairs
-        for row in _paper_figures(results, by_policy_and_level.get(pair), published.get(pair), *pair)
+        row for pair in pairs for row in _paper_figures(results, by_policy_and_level.get(pair), beside.get(pair), *pair)
     ]
     return Table(frame(columns, rows), frame((*PAPER_FIGURES, *results.reasons), figures))
 

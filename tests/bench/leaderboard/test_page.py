@@ -261,6 +261,12 @@ def test_the_packaged_policy_and_those_that_begin_with_it_are_ranked_among_thems
     assert missing(folder, "packaged") == ("flights on Hard (unseen)",)
 
 
+def test_the_packaged_policy_has_no_rank_where_it_was_flown_in_a_current(tmp_path: Path):
+    COSTS["packaged"], RETURNS["packaged"] = (0.0, 0.0, 0.0), 7.0
+    suite = replace(SUITE, arms=(), packaged=True, forces=ForceOptions(current_m_per_s=(0.5, 0.5)))
+    assert missing(write(tmp_path / "mine", suite), "packaged") == ("the paper's task in still air",)
+
+
 def test_the_page_in_the_docs_is_what_its_command_writes(monkeypatch: pytest.MonkeyPatch):
     root = Path(__file__).resolve().parents[3]
     monkeypatch.chdir(root)

@@ -7,7 +7,15 @@ from typing import Any
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.leaderboard.policy_entry import PolicyEntry, arm_fields, versions_of
-from thalweg.bench.leaderboard.requirements import LEVEL, UNSEEN, Flights, counted, missing_flights, missing_starts
+from thalweg.bench.leaderboard.requirements import (
+    LEVEL,
+    UNSEEN,
+    Flights,
+    counted,
+    missing_flights,
+    missing_rules,
+    missing_starts,
+)
 from thalweg.bench.packaged import PACKAGED, PACKAGED_SEES
 from thalweg.bench.report.policies import limit_met, training_regret
 from thalweg.bench.results.inference import Estimate, mean_estimate
@@ -109,7 +117,8 @@ def _flown_entry(
 ) -> Entry:
     """Return the entry of a policy that was not trained here, a function or the packaged policy, which was flown once
     from every start and cannot be compared over seeds."""
-    missing = [*missing_starts(results), *missing_flights(results, [0], usual, unseen)]
+    rules = missing_rules(results, has_price=False)
+    missing = [*rules, *missing_starts(results), *missing_flights(results, [0], usual, unseen)]
     return Entry(
         policy=policy,
         source=results.folder.resolve().name,

@@ -61,7 +61,7 @@ def missing_of_arm(results: Results, arm: dict[str, Any], usual: Flights, unseen
     each."""
     has_price = task_of(results.suite) != PAPER_TASK
     levels, files = ((LEVEL,), TASK_FILES) if has_price else (tuple(LEVELS), RUN_FILES)
-    missing, planned = _missing_rules(results, has_price), arm["seeds"]
+    missing, planned = missing_rules(results, has_price), arm["seeds"]
     if len(planned) < MIN_SEEDS:
         missing.append(f"{MIN_SEEDS} seeds")
     if training_steps(arm) > MAX_STEPS:
@@ -71,7 +71,7 @@ def missing_of_arm(results: Results, arm: dict[str, Any], usual: Flights, unseen
     return missing + missing_flights(results, planned, usual, unseen, levels)
 
 
-def _missing_rules(results: Results, has_price: bool) -> list[str]:
+def missing_rules(results: Results, has_price: bool) -> list[str]:
     """Return what is missing where rules are not those that are ranked."""
     moved, hard = has_forces(results.suite), has_price and bool(results.suite.get("hard"))
     if not has_price:

@@ -99,10 +99,9 @@ class FlyOracle(Command):
         }
 
     def _fly(self, task: str, level: str) -> None:
-        """Fly a front, print its points, and write them to the file when it is finished."""
+        """Fly a front, print its points, and write each to the file when it is flown."""
         from thalweg.bench.evaluate.course import EvaluationConfig
         from thalweg.bench.fronts.flights import front_points
-        from thalweg.bench.fronts.fronts import write_fronts
         from thalweg.env import EnvConfig
 
         known, rivers = self._known(task, level), self._rivers
@@ -115,11 +114,20 @@ class FlyOracle(Command):
         for price in self._prices:
             if price not in known:
                 known[price] = next(flown)
+                self._keep(known)
             point = known[price]
             returns = f"{point.return_:.2f} [{point.return_low:.2f}, {point.return_high:.2f}]"
             costs = f"{point.cost:.2f} [{point.cost_low:.2f}, {point.cost_high:.2f}]"
             print(f"{point.price:>8g} {returns:>21} {costs:>24}", flush=True)
-        if self.out is not None and missing:
-            here = (task, level, rivers)
-            others = [each for each in self._points() if (each.task, each.level, each.rivers) != here]
-            write_fronts(self.out, [*others, *(known[price] for price in sorted(known))])
+
+    def _keep(self, known: "dict[float, FrontPoint]") -> None:
+        """Write the points of a front to the file, beside those that another command has written there meanwhile."""
+        from thalweg.bench.fronts.fronts import write_fronts
+
+        if self.out is None:
+            return
+        point = next(iter(known.values()))
+        front = (point.task, point.level, point.rivers)
+        known = self._known(point.task, point.level) | known
+        others = [each for each in self._points() if (each.task, each.level, each.rivers) != front]
+        write_fronts(self.out, [*others, *(known[price] for price in sorted(known))])

@@ -91,6 +91,39 @@ def test_an_interrupted_command_keeps_finished_fronts_and_flies_the_others(
     assert [point.price for point in read_fronts(out) if point.task == "Nests"] == [0.0, 0.5, 1.0]
 
 
+def test_two_commands_at_once_keep_the_points_of_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    world, fly_at, out = canal(length_m=60.0, width_m=10.0), flights.fly, str(tmp_path / "fronts.csv")
+    monkeypatch.setattr(Course, "of_level", lambda _, settings, **__: Course.on(world, settings))
+    command = ["oracle", "--tasks", "Nests", "--episodes", "2", "--out", out, "--prices"]
+
+    def with_another(course: Course, settings: EvaluationConfig, price: float) -> flights.Flights:
+        if price == 1.0:
+            assert main([*command, "2"]) == 0
+        return fly_at(course, settings, price)
+
+    monkeypatch.setattr(flights, "fly", with_another)
+    assert main([*command, "0", "1"]) == 0
+    assert [point.price for point in read_fronts(tmp_path / "fronts.csv")] == [0.0, 1.0, 2.0]
+
+
+def test_a_command_that_ends_within_a_front_keeps_its_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    world, fly_at, out = canal(length_m=60.0, width_m=10.0), flights.fly, tmp_path / "fronts.csv"
+    monkeypatch.setattr(Course, "of_level", lambda _, settings, **__: Course.on(world, settings))
+
+    def interrupted(course: Course, settings: EvaluationConfig, price: float) -> flights.Flights:
+        if price == 1.0:
+            raise KeyboardInterrupt
+        return fly_at(course, settings, price)
+
+    monkeypatch.setattr(flights, "fly", interrupted)
+    assert main(["oracle", "--tasks", "Nests", "--episodes", "2", "--prices", "0", "1", "--out", str(out)]) == 130
+    told = capsys.readouterr().err
+    assert told == f"\nInterrupted. {out} has 1 of 2 points. The same command flies the others.\n"
+    assert [point.price for point in read_fronts(out)] == [0.0]
+
+
 def test_points_of_an_older_version_are_flown_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     world = canal(length_m=60.0, width_m=10.0)
     monkeypatch.setattr(Course, "of_level", lambda _, settings, **__: Course.on(world, settings))

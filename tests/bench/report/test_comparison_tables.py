@@ -54,6 +54,19 @@ def test_policies_are_compared_from_the_same_starts(results: Results):
     assert pairwise_table(other).text.to_numpy().tolist() == [["PPO", "FOCOPS", *["not the same starts"] * 4]]
 
 
+def test_costs_of_a_task_with_a_price_have_no_greatest_value(results: Results):
+    """Each seed costs the same from both starts, 0.2, 0.9 and 0.95: 0.6833 ± 4.303 · 0.2421."""
+    dear = [replace(row, cost=(0.2, 0.9, 0.95)[row.seed]) for row in flights("PPO", 3, 4.0, 0.0)]
+    priced = replace(results, suite=results.suite | {"task": "Swimmers"}, condition_episodes={"mode": dear})
+    assert rows_of(condition_table(priced))[0]["cost"] == "0.68 [0.00, 1.72]"
+    free = [replace(row, algorithm="FOCOPS", cost=0.0) for row in dear]
+    both = replace(priced, episodes=[*dear, *free])
+    assert rows_of(pairwise_table(both))[0]["cost, difference"] == "0.68 [-0.36, 1.72]"
+    paper = replace(results, condition_episodes={"mode": dear}, episodes=[*dear, *free])
+    assert rows_of(condition_table(paper))[0]["cost"] == "0.68 [0.00, 1.00]"
+    assert rows_of(pairwise_table(paper))[0]["cost, difference"] == "0.68 [-0.36, 1.00]"
+
+
 def test_conditions_show_the_change_of_return_from_the_same_starts(results: Results):
     text = condition_table(results).text
     assert text.iloc[:, :4].to_numpy().tolist() == [["PPO", "mode", "Medium", "3"], ["FOCOPS", "real", "Cam", "3"]]

@@ -28,7 +28,7 @@ from thalweg.bench.results.comparison import (
 from thalweg.bench.results.inference import Estimate, mean_estimate, proportion
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.record import task_of
+from thalweg.bench.suite.record import greatest_cost, task_of
 from thalweg.env.tasks import PAPER_TASK
 
 
@@ -63,6 +63,7 @@ def limit_table(results: Results) -> Table:
 def pairwise_table(results: Results) -> Table:
     """Return the comparison of each trained policy with each other on the training level, paired by start."""
     level, groups = train_level(results), group_episodes(results.episodes)
+    greatest = {"return_": None, "cost": greatest_cost(results.suite)}
     columns = ("policy", "against", "seeds", "returns more", "return, difference", "cost, difference")
     rows: list[list[Cell]] = []
     current = [name for name in trained_policies(results) if name not in results.outdated]
@@ -71,12 +72,12 @@ def pairwise_table(results: Results) -> Table:
         if first_rows is None or second_rows is None:
             continue
         try:
-            scores = {field: matched_scores(first_rows, second_rows, field) for field in ("return_", "cost")}
+            scores = {field: matched_scores(first_rows, second_rows, field) for field in greatest}
         except ValueError:
             rows.append([one, other, *["not the same starts"] * (len(columns) - 2)])
             continue
         seeds = f"{evaluated_seeds(results, one, first_rows)} and {evaluated_seeds(results, other, second_rows)}"
-        differences = (mean_difference(*matrices, field) for field, matrices in scores.items())
+        differences = (mean_difference(*matrices, field, greatest[field]) for field, matrices in scores.items())
         rows.append([one, other, seeds, probability_of_improvement(*scores["return_"]), *differences])
     return table_from_cells(columns, rows)
 
@@ -96,7 +97,7 @@ def condition_table(results: Results) -> Table:
                     level,
                     evaluated_seeds(results, algorithm, episodes),
                     mean_estimate(episodes, "return_"),
-                    mean_estimate(episodes, "cost"),
+                    mean_estimate(episodes, "cost", greatest_cost(results.suite)),
                     proportion(episodes, lambda row: row.success),
                     return_change(episodes, main.get((algorithm, level), [])),
                 ]

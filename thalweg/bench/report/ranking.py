@@ -1,6 +1,5 @@
 """The ranking of the trained policies on the training level, with what stands beside them for comparison."""
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +10,7 @@ from thalweg.bench.report.price_tables import limit_of
 from thalweg.bench.results.inference import CONFIDENCE, MIN_SEEDS, Estimate, mean_estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.record import task_of
+from thalweg.bench.suite.record import greatest_cost, task_of
 from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
 from thalweg.env.tasks import PAPER_TASK
 
@@ -130,14 +129,14 @@ def ranking(results: Results) -> Ranking:
     """
     level, groups = train_level(results), group_episodes(results.episodes)
     trained = trained_policies(results)
-    paper = task_of(results.suite) == PAPER_TASK
+    paper, most_cost = task_of(results.suite) == PAPER_TASK, greatest_cost(results.suite)
     rows, missing = [], []
     for name in results.policies:
         if (episodes := groups.get((name, level))) is None:
             missing.append(f"{name} {results.gap(name)}")
             continue
         limit = (COST_LIMIT if paper else limit_of(results, name)) if name in trained else None
-        figures = mean_estimate(episodes, "return_"), mean_estimate(episodes, "cost", None if paper else math.inf)
+        figures = mean_estimate(episodes, "return_"), mean_estimate(episodes, "cost", most_cost)
         completed = float(np.mean([row.success for row in episodes]))
         about = "" if name in trained else IN_WORDS.get(name.partition(" (")[0], OTHER)
         rows.append(Ranked(name, 0, *figures, completed, limit, about))

@@ -41,10 +41,13 @@ def probability_of_improvement(first: np.ndarray, second: np.ndarray) -> Proport
     return widen_to_wilson(_welch_interval(pairs), len(first) * min(pairs.shape))
 
 
-def mean_difference(first: np.ndarray, second: np.ndarray, field: str) -> Estimate:
-    """Return the mean of a field in `first` [L, M] minus that in `second` [L, K], from the same starts."""
+def mean_difference(first: np.ndarray, second: np.ndarray, field: str, most: float | None = None) -> Estimate:
+    """Return the mean of a field in `first` [L, M] minus that in `second` [L, K], from the same starts.
+
+    `most`: the field's greatest value, see `inference.field_bounds`.
+    """
     estimate = _welch_interval(_compare_seeds(first, second, np.subtract))
-    return _widen_to_starts(estimate, first, second, field)
+    return _widen_to_starts(estimate, first, second, field, most)
 
 
 def paired_difference(after: np.ndarray, before: np.ndarray, field: str) -> Estimate:
@@ -73,13 +76,22 @@ def difference_between_starts(after: np.ndarray, before: np.ndarray, field: str)
     return _widen_to(over_starts, t_interval(float(per_seed.mean()), per_seed), after, before, field)
 
 
-def _widen_to_starts(estimate: Estimate, first: np.ndarray, second: np.ndarray, field: str) -> Estimate:
+def _widen_to_starts(
+    estimate: Estimate, first: np.ndarray, second: np.ndarray, field: str, most: float | None = None
+) -> Estimate:
     """Return the estimate of a difference with an interval at least as wide as that over the same starts."""
     per_start = first.mean(1) - second.mean(1)
-    return _widen_to(t_interval(estimate.value, per_start), estimate, first, second, field)
+    return _widen_to(t_interval(estimate.value, per_start), estimate, first, second, field, most)
 
 
-def _widen_to(over_starts: Estimate, estimate: Estimate, first: np.ndarray, second: np.ndarray, field: str) -> Estimate:
+def _widen_to(
+    over_starts: Estimate,
+    estimate: Estimate,
+    first: np.ndarray,
+    second: np.ndarray,
+    field: str,
+    most: float | None = None,
+) -> Estimate:
     """Return the estimate of a difference with an interval at least as wide as that `over_starts`, since seeds that
     agree are no evidence of certainty.
 
@@ -87,12 +99,12 @@ def _widen_to(over_starts: Estimate, estimate: Estimate, first: np.ndarray, seco
     (MOVER: Zou and Donner 2008, "Construction of confidence limits about effect measures").
     """
     if np.isnan(over_starts.low) or over_starts.high - over_starts.low <= TOLERANCE:
-        one, other = independent_mean(first, field), independent_mean(second, field)
+        one, other = independent_mean(first, field, most), independent_mean(second, field, most)
         below = np.hypot(one.value - one.low, other.high - other.value)
         above = np.hypot(one.high - one.value, other.value - other.low)
         over_starts = Estimate(estimate.value, estimate.value - float(below), estimate.value + float(above))
-    most = field_range(field, first, second)
-    return clip(widen(estimate, over_starts), -most, most)
+    greatest = field_range(field, first, second, most=most)
+    return clip(widen(estimate, over_starts), -greatest, greatest)
 
 
 def matched_scores(first: Sequence[Episode], second: Sequence[Episode], field: str) -> tuple[np.ndarray, np.ndarray]:

@@ -140,21 +140,21 @@ def bootstrap_iqm_return(rows: Sequence[Episode]) -> Estimate:
 def mean_estimate(rows: Sequence[Episode], field: str, most: float | None = None) -> Estimate:
     """Return the mean of a field over episodes; without an interval where a seed did not fly every start.
 
-    `most`: the field's greatest value, infinite where it has none; by default that of `field_bounds`.
+    `most`: see `field_bounds`.
     The interval is at least as wide as `independent_mean`'s, since equal means of seeds are no evidence of certainty.
     """
     try:
         scores = score_matrix(rows, field)
     except ValueError:
         return Estimate(float(np.mean([getattr(row, field) for row in rows])))
-    bounds = field_bounds(field, scores) if most is None else (FIELD_RANGES[field][0], most)
+    bounds = field_bounds(field, scores, most=most)
     return clip(widen(seed_estimate(scores, np.mean), _independent_mean(scores, *bounds)), *bounds)
 
 
-def independent_mean(scores: np.ndarray, field: str) -> Estimate:
+def independent_mean(scores: np.ndarray, field: str, most: float | None = None) -> Estimate:
     """Return the mean of scores [L, M] with the interval that they have if all are independent: Student's t, or
-    Wilson's where all scores are equal."""
-    return _independent_mean(scores, *field_bounds(field, scores))
+    Wilson's where all scores are equal and have a greatest value. `most`: see `field_bounds`."""
+    return _independent_mean(scores, *field_bounds(field, scores, most=most))
 
 
 def _independent_mean(scores: np.ndarray, least: float, most: float) -> Estimate:
@@ -185,18 +185,24 @@ def clip(estimate: Estimate, least: float, most: float) -> Estimate:
     return Estimate(estimate.value, *(float(np.clip(end, least, most)) for end in (estimate.low, estimate.high)))
 
 
-def field_bounds(field: str, *scores: np.ndarray) -> tuple[float, float]:
-    """Return the least and the greatest value of a field of episodes with these scores; infinite where none is known,
-    as of costs where an episode costs more than any of the paper's task."""
-    least, most = FIELD_RANGES.get(field, (-np.inf, np.inf))
-    exceeded = any(each.size and each.max() > most + TOLERANCE for each in scores)
-    return least, np.inf if exceeded else most
+def field_bounds(field: str, *scores: np.ndarray, most: float | None = None) -> tuple[float, float]:
+    """Return the least and the greatest value of a field of episodes with these scores; infinite where none is known.
+
+    `most`: the greatest value, infinite where there is none; by default that of the paper's task, unless an episode
+    exceeds it.
+    """
+    least, usual = FIELD_RANGES.get(field, (-np.inf, np.inf))
+    if most is not None:
+        return least, most
+    exceeded = any(each.size and each.max() > usual + TOLERANCE for each in scores)
+    return least, np.inf if exceeded else usual
 
 
-def field_range(field: str, *scores: np.ndarray) -> float:
-    """Return the greatest possible difference of two means of a field of episodes with these scores."""
-    least, most = field_bounds(field, *scores)
-    return most - least
+def field_range(field: str, *scores: np.ndarray, most: float | None = None) -> float:
+    """Return the greatest possible difference of two means of a field of episodes with these scores; `most`: see
+    `field_bounds`."""
+    least, greatest = field_bounds(field, *scores, most=most)
+    return greatest - least
 
 
 def proportion(rows: Sequence[Episode], predicate: Callable[[Episode], bool]) -> Proportion:

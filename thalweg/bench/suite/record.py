@@ -4,6 +4,7 @@ Only the values that are read are checked; another version may have written more
 """
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
@@ -212,6 +213,12 @@ def _reach_in_words(river: Mapping[str, Any]) -> str:
     given = [f"{name}={value}" for name, value in options.items() if value != usual.get(name)]
     of = f", {', '.join(given)}" if given else ""
     return f"the real river of {river.get('file')} (content {river.get('content')}{of})"
+
+
+def greatest_cost(record: Mapping[str, Any]) -> float | None:
+    """Return the greatest cost of an episode of a suite's record for `inference.field_bounds`: infinite where each
+    step may cost, None for the paper's task."""
+    return None if task_of(record) == PAPER_TASK else math.inf
 
 
 def has_papers_rules(record: Mapping[str, Any]) -> bool:

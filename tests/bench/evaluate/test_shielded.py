@@ -14,14 +14,15 @@ from tests.env import handmade
 from tests.env.shield.channel import Channel, straight
 from tests.image_policies import image_policy
 from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate import evaluation
 from thalweg.bench.evaluate.baselines import BASELINES, Constant
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, SHIELDED, Condition, Trial
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import COLUMNS, read_episodes, write_episodes
-from thalweg.bench.evaluate.evaluation import Label, evaluate, image_frames
+from thalweg.bench.evaluate.evaluation import Label, evaluate, image_frames, observation_function
 from thalweg.bench.evaluate.shielded import FlightShield, Screening, check_masks
 from thalweg.bench.execute.executors import is_evaluated
-from thalweg.bench.results.results import evaluation_path
+from thalweg.bench.results.results import Results, evaluation_path
 from thalweg.bench.suite.arms import Arm, Run
 from thalweg.bench.suite.config import Suite
 from thalweg.core import versions
@@ -67,6 +68,16 @@ def test_a_policy_that_leaves_the_river_stays_on_it_with_the_shield():
     assert [row.reason for row in shielded] == ["Success"] * 3
     assert [(row.shield, row.vetoes) for row in without] == [(0, 0)] * 3
     assert all(row.shield == versions.SHIELD and row.vetoes > 10 for row in shielded)
+
+
+def test_masks_of_a_policy_that_sees_nothing_are_drawn_in_the_chosen_quality(monkeypatch: pytest.MonkeyPatch):
+    drawn: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(evaluation, "Renderer", lambda *given, **_: drawn.append(given[1:]) or ChannelRenderer())
+    camera = Camera(pitch_deg=30.0)
+    chosen: dict[str, Any] = {"quality": "fast", "camera": camera}
+    observation_function(ASIDE, course(), None, shielded=True, **chosen)
+    assert drawn == [(camera, "fast")]
+    assert observation_function(ASIDE, course(), None, **chosen) is None and len(drawn) == 1
 
 
 def test_a_shielded_flight_does_not_depend_on_the_others():
@@ -151,6 +162,16 @@ def test_policies_of_the_privileged_observation_are_not_flown_under_it():
     suite = Suite("mine", (Arm("PPO"), Arm("CUP", observation="privileged")), conditions=(SHIELDED,))
     names = {run: {trial.condition.name for trial in suite.trials(suite_run(suite, run))} for run in ("PPO", "CUP")}
     assert names == {"PPO": {"", "shield"}, "CUP": {""}}
+
+
+def test_only_policies_that_see_water_are_planned_to_fly_under_a_shield():
+    own = Condition("mine", shield=True)
+    arms = (Arm("PPO", seeds=(0,)), Arm("CUP", seeds=(0,), observation="privileged"))
+    suite = Suite("it", arms, conditions=(own, Condition("usual")), baselines=("hover",), packaged=False)
+    planned = Results(Path(), suite.as_data(), [], [], [], []).planned_flights
+    flown = {(trial.condition.name, run.algorithm) for run in suite.runs() for trial in suite.trials(run)}
+    assert {flight[:2] for flight in planned} == flown
+    assert {policy for condition, policy in flown if condition == "mine"} == {"PPO"}
 
 
 def suite_run(suite: Suite, algorithm: str) -> Run:

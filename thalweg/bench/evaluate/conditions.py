@@ -45,7 +45,8 @@ class Condition:
     varied: TupleOf[str] = ()
     """Parameters of the appearance that are drawn for each start, from the ranges of `Randomisation`."""
     blind: bool = True
-    """Whether baselines are flown too. Neither appearance nor action probabilities make a difference to them."""
+    """Whether baselines are flown too, if there is no shield. Neither appearance nor action probabilities make a
+    difference to them."""
     shield: bool = False
     """Whether the shield replaces moves that would leave the water remembered from past masks."""
 

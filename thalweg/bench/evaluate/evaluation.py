@@ -116,7 +116,7 @@ def observation_function(
         renderer = _renderer_of(scene, camera, quality, device)
         return image_frames(scene, observation_of(policy), renderer, device)
     if sees != "frames":
-        return image_frames(scene, "mask", device=device) if shielded else None
+        return image_frames(scene, "mask", _renderer_of(scene, camera, quality, device), device) if shielded else None
     if encoder is None:
         raise ValueError("this policy sees frames through an encoder: give one, such as load_encoder()")
     return encoded_frames(scene, encoder, _renderer_of(scene, camera, quality, str(encoder.device)))

@@ -45,6 +45,7 @@ def installed_versions() -> dict[str, int | None]:
         "training": versions.TRAINING,
         "evaluation": versions.EVALUATION,
         "steady": versions.STEADY,
+        "shield": versions.SHIELD,
         "encoder": versions.PACKAGED_ENCODER,
         "geometry": versions.PACKAGED_GEOMETRY,
         "geometry-tasks": versions.PACKAGED_GEOMETRY_TASKS,
@@ -118,7 +119,7 @@ class RiverBackend:
         before = PACKAGED_POLICY if arm.begin_with else None
         for number, stage in enumerate(arm.before):
             stage_folder = folder / STAGES / str(number)
-            self._train(run, stage, stage.level, stage_folder, before)
+            self._train(run, stage, self.suite.level_of(stage), stage_folder, before)
             before = stage_folder
         self._train(run, arm, self.suite.level_of(arm), folder, before)
 

@@ -87,12 +87,13 @@ class RunRow:
     algorithm: str
     seed: int
     steps: int
+    """Steps of training, over all stages."""
     status: str
     """`finished`, `failed`, or `absent`: a packaged policy that this copy lacks."""
     error: str = ""
     """One line, empty for a finished run."""
     wall_s: float = 0.0
-    """Seconds of training, over all sessions."""
+    """Seconds of training, over all sessions and stages."""
     steps_per_s: float = 0.0
 
 
@@ -182,8 +183,8 @@ class Results:
         return {
             (condition["name"], name, seed, level)
             for condition in (main, *suite.get("conditions", []))
-            for name, seed in [*flown, *(baselines if condition["blind"] else [])]
-            if not (condition.get("varied") and name in privileged)
+            for name, seed in [*flown, *(baselines if condition["blind"] and not condition.get("shield") else [])]
+            if not ((condition.get("varied") or condition.get("shield")) and name in privileged)
             for level in [*condition["rivers"]] or condition["levels"] or suite.get("test_levels", [])
             if (name, seed) not in failed
         }

@@ -189,7 +189,7 @@ class Suite:
             )
         for arm in self.arms:
             for stage in (*arm.before, arm):
-                ground = self.ground(stage.level or self.train_level)
+                ground = self.ground(self.level_of(stage))
                 if isinstance(ground, Reach):  # for levels, training itself raises it
                     RiverTraining(ground, self.num_envs, self.seeds_of(arm, stage), self.training_rules)
 
@@ -256,10 +256,11 @@ class Suite:
     def trials(self, run: Run) -> tuple[Trial, ...]:
         """Return the evaluations of a run's policy, those under the main condition first.
 
-        A policy of the privileged observation flies under no condition that only changes the appearance, and without a
-        shield, which reads masks.
+        A policy of the privileged observation flies under no condition that only changes the appearance, and, as
+        baselines do, without a shield, which reads masks.
         """
-        conditions = [each for each in self.conditions if each.blind or run.kind != "baseline"]
+        flies_all = run.kind != "baseline"
+        conditions = [each for each in self.conditions if flies_all or (each.blind and not each.shield)]
         if self.observation_of(run) == "privileged":
             conditions = [each for each in conditions if not (each.varied or each.shield)]
         return tuple(
@@ -306,7 +307,7 @@ class Suite:
     @property
     def grounds(self) -> list[str]:
         """Names of all levels and real rivers that are trained on, or flown on in place of a level."""
-        trained = [stage.level or self.train_level for arm in self.arms for stage in (*arm.before, arm)]
+        trained = [self.level_of(stage) for arm in self.arms for stage in (*arm.before, arm)]
         return list(dict.fromkeys([self.train_level, *trained, *self.test_levels]))
 
     @property
@@ -321,9 +322,9 @@ class Suite:
         """Return the real river with a name, or the name itself if it is a level's."""
         return self.reaches.get(name, name)
 
-    def level_of(self, arm: Arm) -> str:
-        """Return the level of an arm's last stage of training."""
-        return arm.level or self.train_level
+    def level_of(self, stage: Stage | Arm) -> str:
+        """Return the level of a stage of training, or of an arm's last stage, the arm itself."""
+        return stage.level or self.train_level
 
     def seeds_of(self, arm: Arm, stage: Stage | Arm) -> tuple[int, ...]:
         """Return the seeds of the rivers of a stage of an arm, or of its last stage, the arm itself."""

@@ -26,7 +26,7 @@ NAMES = {True: re.compile(r"[A-Z]\w*"), False: re.compile(r"[a-z]\w*")}
 
 RESERVED = (
     *("world", "rules", "tasks", "evaluation", "steady", "imitation", "render", "encoder", "geometry", "packaged"),
-    *("privileged", "training", "props", "forces", "banks", "sources", "default", "deadlines"),
+    *("privileged", "training", "props", "forces", "banks", "sources", "default", "deadlines", "shield"),
 )
 """Names that belong to versions of other things in the records of results."""
 

@@ -113,6 +113,15 @@ def test_stages_are_trained_in_order_each_beginning_as_the_one_before(tmp_path: 
     ]
 
 
+def test_a_stage_without_a_level_is_trained_on_that_of_the_suite(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    levels: list[Any] = []
+    monkeypatch.setattr(RiverTraining, "train", lambda ground, *_, **__: levels.append(ground.river))
+    monkeypatch.setattr(backend, "load_compatible_encoder", lambda _: None)
+    arm = Arm("PPO", before=(Stage("PPO", "", 1),), level="Easy", name="begun")
+    RiverBackend(replace(SUITE, arms=(arm,), train_level="Hard")).train(Run("train", "begun", 0), tmp_path)
+    assert levels == ["Hard", "Easy"]
+
+
 def test_each_stage_is_trained_on_its_own_rivers_or_those_of_its_arm_or_suite(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

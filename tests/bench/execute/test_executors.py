@@ -9,12 +9,15 @@ import time
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.execute.executors import LOGS, ProcessPoolExecutor
+from thalweg.bench.execute.executors import LOGS, ExecutionContext, ProcessPoolExecutor, run_row
 from thalweg.bench.execute.runner import run_suite, selected_runs
 from thalweg.bench.results.results import read_runs
+from thalweg.bench.suite.arms import Run
+from thalweg.train.folder.run_record import write_status
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 
@@ -41,6 +44,22 @@ def one_by_one(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     folder = tmp_path_factory.mktemp("one_by_one")
     run_suite(SUITE, folder, SmallBackend())
     return tables(folder)
+
+
+def test_the_row_of_a_run_counts_all_stages_of_its_training(tmp_path: Path):
+    home, run = tmp_path / "runs" / "curriculum-4", Run("train", "curriculum", 4)
+    for folder, steps, seconds in (
+        (home / ".before" / "0", 60, 5.0),
+        (home / ".before" / "1", 40, 20.0),
+        (home, 100, 25.0),
+    ):
+        folder.mkdir(parents=True, exist_ok=True)
+        figures = {"return_mean": 1.0, "cost_mean": 0.0, "cost_rate": 0.0, "warnings": {}, "episodes": 2}
+        write_status(folder, {"state": "finished", "algorithm": "PPO", "steps": steps, "seconds": seconds, **figures})
+    context = ExecutionContext(SUITE, tmp_path, SmallBackend(), Console())
+    row = run_row(run, context, "")
+    assert (row.status, row.steps, row.wall_s, row.steps_per_s) == ("finished", 200, 50.0, 4.0)
+    assert run_row(Run("train", "PPO", 0), context, "broken").steps_per_s == 0.0
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import read_episodes, write_episodes
 from thalweg.bench.evaluate.progress import complete, progress_bar, track_episodes
-from thalweg.bench.execute.backend import Backend
+from thalweg.bench.execute.backend import STAGES, Backend
 from thalweg.bench.execute.river_files import require_unchanged
 from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.bench.results.results import RunRow, evaluation_path
@@ -190,13 +190,15 @@ def execute_run(run: Run, context: ExecutionContext) -> RunRow:
 def _stages(run: Run, suite: Suite) -> list[tuple[int, str]]:
     """Return the steps and level of each stage of training, in order."""
     arm = suite.arm(run.algorithm)
-    return [*((stage.steps, stage.level) for stage in arm.before), (arm.steps, suite.level_of(arm))]
+    return [(stage.steps, suite.level_of(stage)) for stage in (*arm.before, arm)]
 
 
 def run_row(run: Run, context: ExecutionContext, error: str) -> RunRow:
-    """Return the row of a run that ended, with what its folder says; failed if `error` is not empty."""
-    status = read_status(context.folder / "runs" / run.name)
-    steps, seconds = int(status.get("steps", 0)), float(status.get("seconds", 0.0))
+    """Return the row of a run that ended, with what the folders of its stages say; failed if `error` is not empty."""
+    folder = context.folder / "runs" / run.name
+    records = [read_status(each) for each in (folder, *(folder / STAGES).glob("[0-9]*"))]
+    steps = sum(int(record.get("steps", 0)) for record in records)
+    seconds = sum(float(record.get("seconds", 0.0)) for record in records)
     row = RunRow(run.name, run.kind, run.algorithm, run.seed, steps, "finished", "", seconds, 0.0)
     rate = steps / seconds if seconds > 0 else 0.0
     return replace(row, status="failed" if error else "finished", error=error, steps_per_s=rate)

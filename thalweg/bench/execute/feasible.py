@@ -24,7 +24,7 @@ def check_feasible(suite: Suite, runs: Sequence[Run]) -> None:
     arms = [arm for arm in suite.arms if arm.label in {run.algorithm for run in runs if run.kind == "train"}]
     stages = [(arm, stage) for arm in arms for stage in (*arm.before, arm)]
     if suite.task not in TASKS:
-        for name in dict.fromkeys([*(stage.level or suite.train_level for _, stage in stages), *suite.test_levels]):
+        for name in dict.fromkeys([*(suite.level_of(stage) for _, stage in stages), *suite.test_levels]):
             check_deadline(_course(suite.ground(name)), suite.rules)
     if suite.hard:  # an episode ends at its first cost
         return
@@ -33,7 +33,7 @@ def check_feasible(suite: Suite, runs: Sequence[Run]) -> None:
         (
             (
                 arm.label,
-                stage.level or suite.train_level,
+                suite.level_of(stage),
                 algorithm_named(stage.algorithm).configure(dict(stage.settings), stage.preset, suite.num_envs),
             )
             for arm, stage in stages

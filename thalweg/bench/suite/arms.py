@@ -37,6 +37,7 @@ class Stage:
 
     algorithm: str
     level: str
+    """Training level; if empty, that of the suite."""
     steps: Count
     preset: str = "default"
     settings: Mapping[str, Any] = field(default_factory=dict)

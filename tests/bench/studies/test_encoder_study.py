@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -107,6 +108,12 @@ def test_finished_work_is_not_repeated_and_killed_work_resumes(
     for cut, whole in zip(rows(folder / "sizes.csv"), rows(study / "sizes.csv"), strict=True):
         for name in SIZE_COLUMNS[2:]:  # regressions on so few images magnify the last bits
             assert cut[name] == whole[name] or float(cut[name]) == pytest.approx(float(whole[name]), abs=0.01), name
+
+
+def test_a_folder_that_another_command_holds_is_refused(study: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("thalweg.core.run_folder.WAIT_S", 0.1)
+    with encoder_study.STUDY_FOLDER.locked(study), pytest.raises(ResultsError, match=re.escape(str(study))):
+        run_study(study, SMALL, progress=False)
 
 
 def test_a_folder_of_another_study_is_refused_with_the_difference(

@@ -115,9 +115,15 @@ def run_study(folder: Path, config: StudyConfig = DEFAULT_STUDY, *, command: str
 
     `command` is recorded in the encoders' files.
 
-    Raises `ResultsError` for a folder of another study, and the errors of `train_encoder`.
+    Raises `ResultsError` for a folder of another study and one that another command holds, and the errors of
+    `train_encoder`.
     """
-    config = _claim(folder, config)
+    with STUDY_FOLDER.locked(folder):
+        return _run_cases(folder, _claim(folder, config), command, progress)
+
+
+def _run_cases(folder: Path, config: StudyConfig, command: str, progress: bool) -> Path:
+    """Do what `run_study` does in a folder that is claimed."""
     scenes = collect(config, progress)
     train, held_out = split_indices(len(scenes.frames), config.held_out, config.seed)
     segmenter: WaterSegmenter | None = None

@@ -17,6 +17,7 @@ import pytest
 from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute.backend import installed_versions
+from thalweg.bench.execute.cluster import node_task
 from thalweg.bench.execute.cluster.node_task import RunRequest, RunUpdate, run_on_node
 from thalweg.bench.execute.cluster.ray_executor import _node_function
 from thalweg.bench.execute.river_files import OtherRiverError, river_contents
@@ -71,6 +72,25 @@ def test_how_far_a_run_is_comes_back_before_the_end():
     levels = [[level for level in SUITE.test_levels if level_file(level) in (one.files or {})] for one in news]
     assert ["Easy", "Medium"] in levels
     assert levels[-1] == ["Easy", "Medium", "Hard"]
+
+
+def test_a_file_that_is_removed_while_files_are_listed_is_found_by_the_next_check(monkeypatch: pytest.MonkeyPatch):
+    place, news, listed = Held(), [], 0
+    names = node_task.archive_names
+
+    def removed_once(*archive: Any) -> list[str]:
+        nonlocal listed
+        listed += 1
+        if listed == 1:
+            raise FileNotFoundError("checkpoints/8192/policy")
+        return names(*archive)
+
+    monkeypatch.setattr(node_task, "archive_names", removed_once)
+    for one in run_on_node(request(place)):
+        news.append(one)
+        if level_file("Medium") in (one.files or {}):
+            place.may.set()
+    assert listed > 1 and news[-1].row is not None and news[-1].row.status == "finished"
 
 
 @pytest.mark.slow

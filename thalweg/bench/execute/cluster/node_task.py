@@ -81,10 +81,12 @@ def run_on_node(request: RunRequest) -> Iterator[RunUpdate]:
         sent, sent_at = milestones(request.files), time.monotonic()
         thread = _RunThread(request, Path(name))
         while not thread.has_ended():
-            if time.monotonic() - sent_at < request.sync_interval_s or milestones(archive_names(*archive)) == sent:
+            if time.monotonic() - sent_at < request.sync_interval_s:
                 continue
-            # The run may remove a file while it is packed; the next check finds the one that replaced it.
+            # The run may remove a file while it is listed or packed; the next check finds the one that replaced it.
             with suppress(FileNotFoundError):
+                if milestones(archive_names(*archive)) == sent:
+                    continue
                 files = pack(*archive)
                 sent, sent_at = milestones(files), time.monotonic()
                 yield RunUpdate(node, files)

@@ -11,8 +11,11 @@ from tests.env.flights import HOVER
 from tests.env.handmade import BlankRenderer, canal, hairpin, ring
 from tests.env.test_snapshot import flown
 from thalweg.env import ConfigError, EnvConfig, RiverVectorEnv, StateError, make_vector
+from thalweg.env.rivers import bare_river, sounded_river
+from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.bare_river import bare_path, load_or_plan
 from thalweg.env.rivers.river_list import RiverList
+from thalweg.env.rivers.sounded_river import sounded_path
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.render import Camera, Randomisation, Renderer
@@ -49,6 +52,20 @@ def test_each_episode_is_in_a_river_of_its_own_and_all_come_up():
     assert counts.min() >= 4 and counts.max() <= 26
     assert (drawn[:, 0] != drawn[:, 1]).mean() > 0.8
     env.close()
+
+
+def test_no_rivers_load_nothing():
+    env = make()
+    assert isinstance(env.rivers, DrawnRivers)
+    assert list(env.rivers.loaded(np.empty(0, np.int64))) == []
+    env.close()
+
+
+def test_rivers_without_land_are_stored_under_the_code_that_makes_them(monkeypatch: pytest.MonkeyPatch):
+    for module, path in ((bare_river, bare_path), (sounded_river, sounded_path)):
+        usual = path(LEVELS["Easy"], 3)
+        monkeypatch.setattr(module, "BUILT_BY", "0" * 8)
+        assert usual.parent == path(LEVELS["Easy"], 3).parent and usual.name != path(LEVELS["Easy"], 3).name
 
 
 @pytest.mark.parametrize("mode", MODES)

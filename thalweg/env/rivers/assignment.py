@@ -152,7 +152,7 @@ class DrawnRivers:
         chosen, index = np.unique(river, return_inverse=True)
         index = index.reshape(-1)
         holds_all = self.pool.slots >= len(self.pool.rivers)
-        room = len(chosen) if holds_all else self.pool.slots - len(np.unique(self.slot))
+        room = max(len(chosen), 1) if holds_all else self.pool.slots - len(np.unique(self.slot))
         for first in range(0, len(chosen), room):
             slots: list[int] = []
             try:

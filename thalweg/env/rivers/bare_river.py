@@ -8,10 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
+from thalweg.core.cache import code_hash
 from thalweg.world import Level, WorldFileError
 from thalweg.world.generate.plan import plan
 from thalweg.world.record import Grid, Plants, World
 from thalweg.world.store.world_cache import cache_path
+
+BUILT_BY = code_hash([Path(__file__)])[:8]
+"""Hash of the code that makes these rivers out of what `thalweg.world` plans, on import as
+`world_cache.GENERATOR_HASH`."""
 
 
 def load_or_plan(level: Level, seed: int) -> World:
@@ -32,7 +37,7 @@ def load_or_plan(level: Level, seed: int) -> World:
 def bare_path(level: Level, seed: int) -> Path:
     """Return the path of a cached river without land."""
     whole = cache_path(level, seed)
-    return whole.with_name(f"bare-{whole.name}")
+    return whole.with_name(f"bare-{BUILT_BY}-{whole.name}")
 
 
 def plan_bare(level: Level, seed: int) -> World:

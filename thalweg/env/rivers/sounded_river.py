@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from thalweg.core.cache import code_hash
+from thalweg.env.rivers import bare_river
 from thalweg.env.rivers.bare_river import plan_bare
 from thalweg.world import Level, WorldFileError
 from thalweg.world.generate import plants
@@ -23,6 +25,9 @@ from thalweg.world.store.world_cache import cache_path
 
 SHORE_M = 8.0
 """Land that is kept around the channel."""
+BUILT_BY = code_hash([Path(bare_river.__file__), Path(__file__)])[:8]
+"""Hash of the code that makes these rivers out of what `thalweg.world` plans and builds, on import as
+`world_cache.GENERATOR_HASH`."""
 
 
 def load_or_sound(level: Level, seed: int) -> World:
@@ -43,7 +48,7 @@ def load_or_sound(level: Level, seed: int) -> World:
 def sounded_path(level: Level, seed: int) -> Path:
     """Return the path of a cached river with its bed."""
     whole = cache_path(level, seed)
-    return whole.with_name(f"sounded-{whole.name}")
+    return whole.with_name(f"sounded-{BUILT_BY}-{whole.name}")
 
 
 def sound(level: Level, seed: int) -> World:

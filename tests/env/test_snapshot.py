@@ -156,6 +156,17 @@ def test_values_that_no_episode_has_are_refused_by_name(name: str, wrong: float,
     assert all(np.array_equal(value, before[key]) for key, value in env.get_state().items())
 
 
+@pytest.mark.parametrize(("word", "value"), [(3, 0), (3, 2), (4, 2), (5, 1 << 32)])
+def test_a_generator_with_a_word_that_none_has_is_refused_before_anything_changes(word: int, value: int):
+    env = make()
+    env.reset(seed=0)
+    before, state = env.get_state(), env.get_state()
+    state["generator"][1, word] = value
+    with pytest.raises(StateError, match=r"generator has an impossible value.*the words of a PCG64.*environment 1"):
+        env.set_state(state)
+    assert all(np.array_equal(array, before[key]) for key, array in env.get_state().items())
+
+
 def test_an_equal_config_written_otherwise_takes_the_state():
     env, other = make(config=EnvConfig(max_height_m=15)), make(config=EnvConfig(max_height_m=15.0))
     env.reset(seed=0)

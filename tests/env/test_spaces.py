@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from thalweg.env import EnvConfig, RiverVectorEnv
-from thalweg.env.spaces import BRANCHES, moves_in_words
+from thalweg.env import ActionError, EnvConfig, RiverVectorEnv
+from thalweg.env.spaces import BRANCHES, moves_in_words, to_unit_actions
 from thalweg.world import World
 
 MOVES = {
@@ -22,6 +22,11 @@ MOVES = {
     "right": (0.0, -0.5, 0.0, 0.0),
 }
 """Metres forward, left and up, and degrees to the left, of each word."""
+
+
+def test_rows_of_different_lengths_are_refused_as_actions():
+    with pytest.raises(ActionError, match=r"actions are no array.*needed: \[2, 4\]"):
+        to_unit_actions("multidiscrete", [[0, 0, 0, 0], [0, 0, 0]], 2)
 
 
 @pytest.mark.parametrize("kind", ["multidiscrete", "continuous"])

@@ -13,7 +13,7 @@ from thalweg.world.record import World
 
 FIXED_KEYS = {"fingerprint": "other worlds", "world": "other worlds", "config": "another config"}
 """Keys whose values must equal those of the environment, and the meaning of a difference."""
-MASK_64 = (1 << 64) - 1
+MASK_32, MASK_64 = (1 << 32) - 1, (1 << 64) - 1
 POSSIBLE = {
     "travel": "1 or -1",
     "pose": "finite numbers",
@@ -28,7 +28,7 @@ POSSIBLE = {
     "station": "a finite number of 0 or more",
     "way": "a finite number of 0 or more",
     "sun": "the number of one of the world's lights, from 0",
-    "generator": "not all 0 where an episode has begun",
+    "generator": "the words of a PCG64, or all 0 where no episode has begun",
     "seed": "0 or more",
     "episode": "0 or more, and from 1 on while an episode runs",
     "look": "the number of one of the looks, from 0",
@@ -171,6 +171,14 @@ def pack_generator(generator: np.random.Generator | None) -> np.ndarray:
         stored["uinteger"],
     ]
     return np.array(words, dtype=np.uint64)
+
+
+def impossible_generators(stored: np.ndarray, begun: np.ndarray) -> np.ndarray:
+    """Return whether each row of packed generators [N, 6] uint64 is none of a PCG64; zeros are right only where no
+    episode has begun [N] bool."""
+    words = np.asarray(stored)
+    damaged = (words[:, 3] & np.uint64(1) == 0) | (words[:, 4] > 1) | (words[:, 5] > np.uint64(MASK_32))
+    return np.where(words.any(axis=1), damaged, begun)
 
 
 def unpack_generator(stored: np.ndarray) -> np.random.Generator | None:

@@ -64,7 +64,10 @@ def to_unit_actions(kind: str, actions: object, count: int, fast_ratio: float = 
     action is a fast step, and a negative number is no move.
     Raises `ActionError` for a wrong shape or type, or a value out of range.
     """
-    given = np.asarray(actions)
+    try:
+        given = np.asarray(actions)
+    except ValueError as error:  # nested lists of different lengths
+        raise ActionError(f"actions are no array, {error}; needed: [{count}, 4]") from None
     if given.shape != (count, 4):
         raise ActionError(
             f"actions have shape {given.shape}; needed: ({count}, 4), one row of {', '.join(BRANCHES)} each"

@@ -22,7 +22,13 @@ def asked(options, started=AGAIN):
 
 @pytest.mark.parametrize(
     ("seed", "seeds"),
-    [(None, [None, None, None]), (7, [7, 8, 9]), (np.int64(7), [7, 8, 9]), ([3, None, 1], [3, None, 1])],
+    [
+        (None, [None, None, None]),
+        (7, [7, 8, 9]),
+        (np.int64(7), [7, 8, 9]),
+        (np.array(7), [7, 8, 9]),
+        ([3, None, 1], [3, None, 1]),
+    ],
 )
 def test_one_seed_gives_each_environment_its_own_and_a_list_is_taken_as_it_is(seed, seeds):
     assert list(seeds_of(seed, 3)) == seeds
@@ -62,6 +68,7 @@ def test_only_the_poses_of_rows_that_are_reset_must_be_safe():
     [
         ({"poses": SAFE}, ConfigError, "poses"),
         ({"pose": SAFE[:3]}, ConfigError, r"shape \(3,\); needed: \(4,\) or \(2, 4\)"),
+        ({"pose": [*SAFE[:3], [0.0]]}, ConfigError, r"pose is \[10.5, 0.0, 5.0, \[0.0\]\], no array of numbers"),
         ({"reset_mask": np.array([True])}, ConfigError, r"reset_mask must be \[2\] bool, got \[1\] bool"),
         ({"reset_mask": [1, 0]}, ConfigError, r"reset_mask must be \[2\] bool, got \[2\] int64"),
         ({"reset_mask": np.zeros(2, bool)}, ConfigError, "at least one True, got 2 times False"),

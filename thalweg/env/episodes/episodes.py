@@ -88,10 +88,10 @@ class Episodes:
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Restore a state of `get_state`; raises `StateError` before anything changes if it does not fit."""
         snapshot.check_arrays(state, self.get_state())
-        sun, generator = np.asarray(state["sun"]), np.asarray(state["generator"])
+        sun = np.asarray(state["sun"])
         wrong = {
             "sun": (sun < 0) | (sun >= self.frames.lights),
-            "generator": np.asarray(state["begun"]) & ~generator.any(axis=1),
+            "generator": snapshot.impossible_generators(state["generator"], state["begun"]),
         }
         snapshot.check_values(state, self.rivers.segments_in(state), wrong)
         snapshot.check_looks(state["look"])

@@ -27,6 +27,8 @@ def seeds_of(seed: int | Sequence[int | None] | None, num_envs: int) -> Sequence
     """Return one seed or None per environment: seed + i, or those listed; raises `ConfigError` for anything else."""
     if seed is None:
         return [None] * num_envs
+    if isinstance(seed, np.ndarray):
+        seed = seed.tolist()  # of no dimension: one number
     if isinstance(seed, str) or not hasattr(seed, "__len__"):
         first = integer_at_least("seed", seed, 0)
         return [first + row for row in range(num_envs)]
@@ -67,7 +69,10 @@ def _poses(given: Any, rows: Sequence[int], config: EnvConfig, rivers: Rivers) -
     if isinstance(rivers, DrawnRivers):
         raise ConfigError("options['pose'] needs environments that stay in one river: a pose lies in one river")
     num_envs = len(rivers.slot)
-    poses = np.asarray(given, dtype=np.float64)
+    try:
+        poses = np.asarray(given, dtype=np.float64)
+    except (ValueError, TypeError) as error:  # nested lists of different lengths, or no numbers
+        raise ConfigError(f"pose is {given!r:.60}, no array of numbers: {error}") from None
     if poses.shape not in ((4,), (num_envs, 4)):
         raise ConfigError(f"pose has shape {poses.shape}; needed: (4,) or ({num_envs}, 4)")
     poses = np.broadcast_to(poses, (num_envs, 4))

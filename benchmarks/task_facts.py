@@ -95,7 +95,7 @@ def _elsewhere(studies: Studies) -> str:
     every = [each for study in studies.values() for each in study.limited(UNSEEN)]
     return (
         f"**On unseen rivers** {sum(each.holds for each in flown)} of the {len(flown)} that hold the limit on the fixed"
-        f" river hold it too; in all {sum(each.holds for each in every)} of {len(every)} hold it there."
+        f" river hold it too. Of all {len(every)}, {sum(each.holds for each in every)} hold it there."
     )
 
 

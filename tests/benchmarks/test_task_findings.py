@@ -133,7 +133,9 @@ def test_facts_are_counted_over_all_policies_with_a_limit(script: ModuleType, st
     assert "0.80 (FOCOPS, Nests at 8.2) to 4.00 points (P3O, Nests at 65)" in price and "median of 1.50" in price
     assert limitless.startswith("PPO costs 1.7 times the middle limit of Nests and returns 7.00, 3.00 below")
     assert rising.startswith("Of 1 algorithm with policies") and "in 1, the cost in 1." in rising
-    assert unseen.startswith("1 of the 2 that hold the limit on the fixed river hold it too; in all 1 of 2")
+    assert unseen.startswith(
+        "1 of the 2 that hold the limit on the fixed river hold it too. Of all 2, 1 hold it there."
+    )
     assert nobody.removesuffix(" 7.") == (
         "Limits that nobody holds: Nests at 23. At the others the best that hold it return 6.00 of 6.82 (FOCOPS, Nests"
         " at 8.2), 7.50 of 10.00 (FOCOPS, Nests at 65) of what the oracle does."

@@ -38,6 +38,7 @@ def resolved(algorithm: str, given: dict[str, Any], bounds: Any) -> tuple[Any, A
         ("TD3Lag", {}, {"return": (0, 10)}, ((0.0, 10.0), ())),
         ("TD3Lag", {}, {"costs": (1.0, 0.2)}, ((), ())),
         ("DDPGLag", {}, {}, ((), ())),
+        ("DDPGLag", {"normalise_cost": True, "cost_floor": False, "scale_returns": False}, BOTH, ((0.0, 10.0), ())),
         ("SafeLOOP", {}, BOTH, ((0.0, 10.0), None)),
         ("PPOLag", {}, BOTH, (None, None)),
     ],

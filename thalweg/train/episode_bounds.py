@@ -49,7 +49,10 @@ def with_declared_bounds(config: Any, env: Any) -> Any:
     limits = len(getattr(config, "limits", ()))
     found = {
         "return_bounds": declared.get(RETURN, ()),
-        "largest_costs": declared.get(COST if limits == 1 else COSTS, ()),
+        # Those that are normalised are no longer in the units of what an environment declares.
+        "largest_costs": ()
+        if getattr(config, "normalise_cost", False)
+        else declared.get(COST if limits == 1 else COSTS, ()),
     }
     used = {name: value for name, value in found.items() if value and getattr(config, name, None) == ()}
     return replace(config, **used) if used else config

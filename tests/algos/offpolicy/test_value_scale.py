@@ -153,6 +153,10 @@ def test_targets_of_a_batch_are_in_units_and_bounded():
         ({"return_bounds": [0.0, float("inf")]}, r"return_bounds"),
         ({"largest_costs": [1.0, 2.0]}, r"largest_costs must be 1, one per limit, got \[1.0, 2.0\]"),
         ({"bound_margin": -0.1}, "bound_margin must be"),
+        (
+            {"normalise_cost": True, "cost_floor": False, "scale_returns": False, "largest_costs": [1.0]},
+            r"largest_costs must be left out with normalise_cost, got \[1.0\]",
+        ),
         ({"normalise_cost": True, "cost_floor": False}, "scale_returns must be off with normalise_cost, got True"),
     ],
 )

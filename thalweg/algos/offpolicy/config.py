@@ -117,6 +117,8 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
             raise ValueError("cost_floor must be off with normalise_cost, got True")
         if self.scale_returns and self.normalise_cost:
             raise ValueError("scale_returns must be off with normalise_cost, got True")
+        if self.largest_costs and self.normalise_cost:
+            raise ValueError(f"largest_costs must be left out with normalise_cost, got {list(self.largest_costs)}")
         return self
 
     @model_validator(mode="after")

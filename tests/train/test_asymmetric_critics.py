@@ -23,6 +23,7 @@ from thalweg.env.rivers import river_list
 from thalweg.train import TrainingError, river, run
 from thalweg.train.folder.run_record import made_with
 from thalweg.train.river import RiverTraining
+from thalweg.train.run_in_folder import open_folder
 
 
 @frozen_config(AlgorithmError)
@@ -99,6 +100,44 @@ def test_a_run_with_critics_of_costs_that_are_told_more_says_where_its_costs_end
     identity |= {"critic_size": 2} if told else {}
     ends = {"deadlines": versions.DEADLINES} if told and limited else {}
     assert made_with(identity, {"PPO": 1}) == {"PPO": 1, "training": versions.TRAINING} | ends
+
+
+@pytest.mark.parametrize(
+    ("identity", "names"),
+    [
+        ({"critic_size": 40}, {"privileged"}),
+        ({}, set()),
+        ({"config": {"auxiliary_weight": 0.5}}, {"privileged"}),
+        ({"config": {"auxiliary_weight": 0.0}}, set()),
+        ({"context": {"env": {"vehicle": "asv"}}}, {"vehicles"}),
+    ],
+)
+def test_a_run_on_a_river_says_what_it_is_told_and_what_flies(identity: dict[str, Any], names: set[str]):
+    made = made_with({"context": {"env": {"vehicle": "uav"}}} | identity, {"PPO": 1})
+    assert made.keys() - {"PPO", "training", "rules", "world"} == names
+    assert {name: made[name] for name in names} == {
+        name: {"privileged": versions.PRIVILEGED, "vehicles": versions.VEHICLES}[name] for name in names
+    }
+
+
+def test_a_run_of_another_ideal_eye_is_not_resumed_and_one_that_did_not_record_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    folder = tmp_path / "run"
+    identity: dict[str, Any] = {"algorithm": "PPO", "context": {"env": {"vehicle": "asv"}}, "critic_size": 40}
+    open_folder(folder, identity, 1, {"PPO": 1})
+    now = versions.PRIVILEGED
+    monkeypatch.setattr(versions, "PRIVILEGED", now + 1)
+    with pytest.raises(TrainingError, match=f"made with privileged {now}, not {now + 1}: it cannot be resumed"):
+        open_folder(folder, identity, 1, {"PPO": 1})
+    config = yaml.safe_load((folder / "config.yaml").read_text())
+    del config["made_with"]["privileged"], config["made_with"]["vehicles"]
+    (folder / "config.yaml").write_text(yaml.safe_dump(config))
+    open_folder(folder, identity, 1, {"PPO": 1})
+    del config["made_with"]["training"]
+    (folder / "config.yaml").write_text(yaml.safe_dump(config))
+    with pytest.raises(TrainingError, match="made with training unknown"):
+        open_folder(folder, identity, 1, {"PPO": 1})
 
 
 class StopsAt(ToldWalk):

@@ -105,7 +105,8 @@ def _check_made_with(folder: Path, existing: dict[str, Any], now: dict[str, Any]
     """Raise `TrainingError` for an unfinished run of other versions than today's, and warn of a finished one; folders
     from before any were recorded pass."""
     recorded, current = (description.get(run_record.MADE_WITH) or {} for description in (existing, now))
-    names = {**recorded, **current} if recorded else {}
+    names = [*dict.fromkeys([*recorded, *current])] if recorded else []
+    names = [name for name in names if name in recorded or name not in run_record.RECORDED_LATER]
     other = [f"{name} {recorded.get(name, 'unknown')}, not {current.get(name)}" for name in names
              if recorded.get(name) != current.get(name)]  # fmt: skip
     if not other:

@@ -29,6 +29,8 @@ PLUGINS = (PLUGIN, ENCODER_PLUGIN, TASK_PLUGIN)
 """Keys of a context for plug-ins: the algorithm, the encoder and the task."""
 MADE_WITH = "made_with"
 """Key of config.yaml: versions of what the numbers of a run depend on beside those in its context."""
+RECORDED_LATER = ("privileged", "vehicles")
+"""Of these, versions that older folders do not have, although nothing has changed since: where they lack, they pass."""
 MAPPINGS = (
     ("run",),
     ("versions",),
@@ -51,13 +53,21 @@ def device_identity(kind: str) -> dict[str, Any]:
 
 def made_with(identity: dict[str, Any], learner: Mapping[str, int]) -> dict[str, int]:
     """Return the versions of what the numbers of a run depend on beside those in its context: of its learner by name
-    (empty where the context has it), the training loop, on a river its world and its rules, and in a task beside the
-    paper's, or where critics of costs are told more than the observation, deadlines."""
+    (empty where the context has it), the training loop, on a river its world and its rules, and the ideal eye where
+    critics or predictions are told what it sees; of a boat, vehicles; and in a task beside the paper's, or where
+    critics of costs are told more than the observation, deadlines."""
     rules, settings = identity.get("context", {}).get("env"), identity.get("config", {})
-    rivers = {} if rules is None else {"rules": versions.RULES, "world": versions.WORLD}
+    made = {**learner, "training": versions.TRAINING}
+    if rules is not None:
+        made |= {"rules": versions.RULES, "world": versions.WORLD}
+        if "critic_size" in identity or settings.get("auxiliary_weight"):
+            made["privileged"] = versions.PRIVILEGED
+        if rules.get("vehicle", "uav") != "uav":
+            made["vehicles"] = versions.VEHICLES
     is_other_task = (rules or {}).get("task", "River") != "River"
-    ends = is_other_task or ("critic_size" in identity and "cost_limit" in settings)
-    return {**learner, "training": versions.TRAINING, **rivers, **({"deadlines": versions.DEADLINES} if ends else {})}
+    if is_other_task or ("critic_size" in identity and "cost_limit" in settings):
+        made["deadlines"] = versions.DEADLINES
+    return made
 
 
 def describe(identity: dict[str, Any], threads: int, learner: Mapping[str, int]) -> dict[str, Any]:

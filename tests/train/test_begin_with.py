@@ -18,6 +18,7 @@ from thalweg.algos import AlgorithmError
 from thalweg.algos.interface import Feedback
 from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.replay_buffer import Batch
+from thalweg.algos.policy.policy import OptionCopy
 from thalweg.algos.policy.policy_file import load_policy
 from thalweg.train import run
 from thalweg.train.errors import TrainingError
@@ -122,6 +123,12 @@ def test_a_warmup_that_leaves_no_rollout_is_refused_before_anything_is_written(
         train(tmp_path / "run", steps=256, begin_with=first, config=SMALL | {"critic_warmup_steps": warmup})
     assert not (tmp_path / "run").exists()
     train(tmp_path / "run", steps=256, config=SMALL | {"critic_warmup_steps": warmup})
+
+
+def test_an_option_of_a_policy_that_is_not_there_is_refused(tmp_path: Path):
+    with pytest.raises(AlgorithmError, match=r"copied_option = \(0, 2, 1, 10.0\) is for a policy .* give begin_with"):
+        train(tmp_path / "run", steps=256, config=SMALL, copied_option=OptionCopy(0, 2, 1, 10.0))
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_run_belongs_to_what_it_began_with(first: Path, tmp_path: Path):

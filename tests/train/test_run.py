@@ -24,6 +24,7 @@ from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.train import ResumeWarning, ShortRunWarning, TrainingError, load_policy
 from thalweg.train.folder.checkpoint import load_checkpoint
 from thalweg.train.folder.run_record import RUN_FOLDER
+from thalweg.train.run import too_short
 
 
 @pytest.fixture(scope="module", params=list(ALGORITHMS))
@@ -325,6 +326,16 @@ def test_a_run_of_fewer_than_five_updates_is_warned_of(tmp_path, steps, few):
     said = [str(warning.message) for warning in caught if warning.category is ShortRunWarning]
     message = "128 steps are 4 updates of 32 steps each, from which hardly anything is learnt; take 160 steps or more"
     assert said == ([message] if few else [])
+
+
+@pytest.mark.parametrize(("steps", "random"), [(256, True), (257, False)])
+def test_a_run_of_random_actions_alone_is_warned_of(steps: int, random: bool):
+    config = ALGORITHMS["SACLag"].configure({"random_steps": 256, "steps_per_collection": 16})
+    said = (
+        "all actions of a run of 256 steps are random, since random_steps is 256: nothing is learnt from what a policy"
+        " does; take more steps, or set random_steps"
+    )
+    assert too_short(config, steps, 4) == (said if random else "")
 
 
 def test_a_limit_that_is_never_met_is_a_warning(tmp_path):

@@ -140,6 +140,11 @@ def run(
         check_warmup(resolved, steps, task.num_envs)
         identity["begin_with"] = initialise_policy(learner.policy, policy_file(how.begin_with), how.copied_option)
         learner.warm_up_critics()
+    elif how.copied_option is not None:
+        raise AlgorithmError(
+            f"copied_option = {tuple(how.copied_option)} is for a policy that a run begins with: give begin_with, or"
+            " leave it out"
+        )
     elif getattr(resolved, "imitation_kl", 0.0):
         raise AlgorithmError(
             f"imitation_kl = {resolved.imitation_kl} weighs the KL from the policy that a run begins with: give"
@@ -229,7 +234,13 @@ def check_warmup(config: Any, steps: int, num_envs: int) -> None:
 
 
 def too_short(config: Any, steps: int, num_envs: int) -> str:
-    """Return a warning of a run with fewer than `FEW_UPDATES` updates; empty for a longer one."""
+    """Return a warning of a run with fewer than `FEW_UPDATES` updates, or with random actions alone; empty for a longer
+    one."""
+    if steps <= (random := getattr(config, "random_steps", 0)):
+        return (
+            f"all actions of a run of {steps:,} steps are random, since random_steps is {random:,}: nothing is learnt"
+            " from what a policy does; take more steps, or set random_steps"
+        )
     rollout = config.rollout_steps(num_envs) * num_envs
     updates, enough = -(-steps // rollout), FEW_UPDATES * rollout
     if updates >= FEW_UPDATES:

@@ -305,6 +305,21 @@ def test_the_error_for_a_nan_reward_names_its_row_and_step(tmp_path):
         run("PPO", BareWalk(poison=3), steps=240, seed=1, folder=tmp_path, config=PPO)
 
 
+def test_a_nan_observation_stops_a_run_on_tensors_before_anything_is_learnt_from_it(tmp_path):
+    env = BareWalk()
+    step = env.step
+
+    def poisoned(actions: torch.Tensor) -> Any:
+        obs, *rest = step(actions)
+        if env.taken == 5:
+            obs[1, 0] = torch.inf
+        return obs, *rest
+
+    env.step = poisoned
+    with pytest.raises(NotFiniteError, match=r"observation is not finite in rows \[1\] of step 6 of the rollout"):
+        run("PPO", env, steps=240, seed=1, folder=tmp_path, config=PPO)
+
+
 def test_rewards_of_reset_steps_are_ignored():
     collector = make_collector(BareWalk(), 1, CPU, 1)
     learner = Script(collector, SPACES["Discrete"], steps=20)

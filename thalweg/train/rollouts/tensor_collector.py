@@ -195,9 +195,11 @@ class TensorCollector:
         flags = {name: array_of(self._buffer.samples[name]) for name in ("terminated", "truncated", "valid")}
         for name in ("reward", "cost"):
             _check_finite(name, records[name][: self._buffer.filled])
-        if self._buffer.critic_obs is not None:
-            finite = torch.isfinite(self._buffer.critic_obs[: self._buffer.filled + 1]).all(2)
-            _check_finite(KEY, np.where(array_of(finite), 0.0, np.nan))
+        seen = {"observation": self._buffer.obs, KEY: self._buffer.critic_obs}
+        rows = {name: values[: self._buffer.filled + 1] for name, values in seen.items() if values is not None}
+        rows["costs"] = self._buffer.samples["costs"][: self._buffer.filled]
+        for name, values in rows.items():
+            _check_finite(name, np.where(array_of(torch.isfinite(values).all(2)), 0.0, np.nan))
         episodes = []
         for t in range(self._buffer.filled):
             separate = np.stack([records["tight"][t], records["loose"][t]], 1) if "tight" in records else None

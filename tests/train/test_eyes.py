@@ -155,6 +155,13 @@ def test_options_are_needed(tmp_path: Path):
         train(tmp_path / "run", env=env)
 
 
+def test_a_byte_must_hold_the_number_of_an_option(tmp_path: Path):
+    env = BrightSide()
+    env.single_action_space = gym.spaces.MultiDiscrete([3, 256])  # pyright: ignore
+    with pytest.raises(AlgorithmError, match="policy=cnn remembers options of at most 255 a branch, not 256"):
+        train(tmp_path / "run", env=env)
+
+
 @pytest.mark.parametrize("algorithm", [name for name in ALGORITHMS if name not in ON_POLICY])
 def test_other_algorithms_see_no_images(algorithm: str):
     with pytest.raises(AlgorithmError, match=f"policy is a setting of on-policy algorithms; {algorithm} sees numbers"):

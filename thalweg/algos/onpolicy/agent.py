@@ -40,7 +40,7 @@ from thalweg.algos.policy.networks import Critics
 from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.algos.policy.policy import NetworkPlayer, Policy
 from thalweg.algos.policy.policy_file import About
-from thalweg.algos.policy.vision import FIRST_STRIDE
+from thalweg.algos.policy.vision import FIRST_STRIDE, MOST_OPTIONS
 from thalweg.core.config import to_plain
 
 
@@ -306,6 +306,10 @@ def check_sight(config: OnPolicyConfig, task: Task) -> None:
         )
     if not isinstance(task.action_space, gym.spaces.Discrete | gym.spaces.MultiDiscrete):
         raise AlgorithmError(f"policy=cnn remembers the options that it took: it has none in {task.action_space}")
+    space = task.action_space
+    options = int(space.n) if isinstance(space, gym.spaces.Discrete) else int(space.nvec.max())
+    if options > MOST_OPTIONS:
+        raise AlgorithmError(f"policy=cnn remembers options of at most {MOST_OPTIONS} a branch, not {options}")
     if not task.critic_size:
         raise AlgorithmError(
             "with policy=cnn critics see what the environment tells them alone, and this one tells nothing: it needs"

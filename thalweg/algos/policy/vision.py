@@ -101,6 +101,10 @@ def write_rows(rows: np.ndarray, images: np.ndarray, last_options: np.ndarray) -
     rows[..., pixels:] = last_options + 1
 
 
+MOST_OPTIONS = 255
+"""Options that a branch may have: a row holds the number of one and 1, or 0 for none, as a byte."""
+
+
 class ImageRows:
     """Makes rows of the images of N environments, and remembers the options that were taken in them last."""
 

@@ -29,6 +29,9 @@ from thalweg.core.config import frozen_config
 class OnCRPOConfig(ConstrainedConfig, NaturalConfig):
     """Settings of OnCRPO."""
 
+    standardise_cost: bool = True
+    """Whether cost advantages are divided by their standard deviation. The length of a step is that of the trust region
+    in either case: it matters only beside `imitation_kl`."""
     tolerance: NonNegativeFloat = 0.0
     """How far above its limit a mean cost may be before the next step reduces it."""
 

@@ -111,20 +111,21 @@ class Agent:
             self._metrics.require_finite()
 
     def bounded(
-        self, targets: Tensor, unit: Tensor | float, below: float | Tensor = 0.0, above: float | Tensor = 0.0
+        self, values: Tensor, unit: Tensor | float, below: float | Tensor = 0.0, above: float | Tensor = 0.0
     ) -> Tensor:
-        """Return the critics' targets, in units of `unit`, clipped to what an episode can pay.
+        """Return the values that the critics' targets add to a reward, in units of `unit`, clipped to what an episode
+        can pay.
 
-        `below` and `above` widen the bounds, in these units, for what a target contains beside rewards.
+        `below` and `above` widen the bounds, in these units, for what a value contains beside rewards.
         """
         low, high = self.value_bounds()
         if not self.config.bound_targets or not (math.isfinite(low) and math.isfinite(high)):
-            return targets
+            return values
         least, most = (
-            torch.as_tensor(bound, dtype=targets.dtype, device=targets.device)
+            torch.as_tensor(bound, dtype=values.dtype, device=values.device)
             for bound in (low / unit - below, high / unit + above)
         )
-        return targets.clamp(least, most)
+        return values.clamp(least, most)
 
     def value_bounds(self) -> tuple[float, float]:
         """Return the smallest and the largest discounted return from a step on, in the task's units: those of the

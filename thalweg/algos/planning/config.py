@@ -120,8 +120,8 @@ class PlanningConfig(CostConfig):
     hidden: TupleOf[PositiveInt] = (64, 64)
     """Sizes of the hidden layers of critics and actor."""
     bound_targets: bool = True
-    """Whether the critics' targets are held within what an episode can pay from a step on: within `return_bounds`, or
-    within learnt bounds where the task's are not given."""
+    """Whether the values that the critics' targets add to a reward are held within what an episode can pay from a step
+    on: within `return_bounds`, or within learnt bounds where the task's are not given."""
     return_bounds: TupleOf[FiniteNumber] = ()
     """Smallest and largest discounted return of the task from any step on; none: learnt, the extremes of all episodes
     so far, widened by `bound_margin`."""

@@ -149,7 +149,7 @@ def test_published_figures_stand_beside_flights_as_the_papers_alone(policy: Any,
     rules = EnvConfig(
         task=options.get("task", "River"),
         vehicle=options.get("vehicle", "uav"),
-        wind=Wind(3.0) if "wind" in options else None,
+        wind=Wind((3.0, 3.0)) if "wind" in options else None,
     )
     assert _is_papers_study(policy, rules) is published
     flown = [Episode("PPO", 0, "Medium", 1, 0, 0.0, 0.0, 5.0, 0.0, 9.0, 0.0, 0.0, 0.0, 99, "Success", True, 0.5)]

@@ -27,9 +27,7 @@ def seeds_of(seed: int | Sequence[int | None] | None, num_envs: int) -> Sequence
     """Return one seed or None per environment: seed + i, or those listed; raises `ConfigError` for anything else."""
     if seed is None:
         return [None] * num_envs
-    if isinstance(seed, np.ndarray):
-        seed = seed.tolist()  # of no dimension: one number
-    if isinstance(seed, str) or not hasattr(seed, "__len__"):
+    if isinstance(seed, str) or not hasattr(seed, "__len__") or getattr(seed, "shape", None) == ():
         first = integer_at_least("seed", seed, 0)
         return [first + row for row in range(num_envs)]
     assert not isinstance(seed, int)

@@ -92,3 +92,21 @@ def _without_docstrings(tree: ast.Module) -> ast.Module:
 
 def _is_string_statement(node: ast.AST) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+def keep_most_recent(folder: Path, most_bytes: int) -> None:
+    """Remove the least recently used `.npz` files of a folder beyond a size in bytes.
+
+    Files that another process removes at the same time are skipped.
+    """
+    found = []
+    for file in folder.glob("*.npz"):
+        with contextlib.suppress(OSError):
+            status = file.stat()
+            found.append((status.st_mtime, status.st_size, file))
+    total = 0
+    for _, size, file in sorted(found, reverse=True):
+        total += size
+        if total > most_bytes:
+            with contextlib.suppress(OSError):
+                file.unlink(missing_ok=True)

@@ -107,7 +107,6 @@ def variants(record):
 
 
 def test_the_files_that_were_not_used_for_longest_are_removed(world, baked, tmp_path, monkeypatch):
-    monkeypatch.setattr(baked_maps, "MOST_FILES", 3)
     lit = np.ones((4, 4, 3))
     seeds = [replace(world, seed=seed) for seed in range(4)]
     for age, one in zip((30, 20, 10), seeds[:3], strict=True):
@@ -115,6 +114,7 @@ def test_the_files_that_were_not_used_for_longest_are_removed(world, baked, tmp_
         baked_maps.baked_maps(one, SUN, TOP, lit)
         (file,) = set((tmp_path / "baked").glob("*")) - before
         os.utime(file, (1e9 - age, 1e9 - age))
+        monkeypatch.setattr(baked_maps, "MOST_BYTES", 3.5 * file.stat().st_size)
     baked_maps.baked_maps(seeds[0], SUN, TOP, lit)  # Used just now.
     baked_maps.baked_maps(seeds[3], SUN, TOP, lit)
     assert len(list((tmp_path / "baked").iterdir())) == 3

@@ -1,6 +1,7 @@
 """Tests that a world survives saving and loading, and that an invalid file is refused with the reason."""
 
 import json
+import zipfile
 from dataclasses import fields, replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from thalweg.world import Plants, River, World, WorldFileError
 from thalweg.world.banks import read_banks
 from thalweg.world.record import FORMAT
 from thalweg.world.species import KINDS
+from thalweg.world.store import npz
 from thalweg.world.store.npz import MAPS, RIVER
 
 PLANT = {
@@ -23,6 +25,17 @@ PLANT = {
     "light": np.ones((1, 2), np.float32),
 }
 """One plant of a world that has no other."""
+
+
+def test_arrays_that_no_world_has_are_not_read_and_too_large_files_are_refused(world, tmp_path, monkeypatch):
+    path = tmp_path / "world.npz"
+    world.save(path)
+    with zipfile.ZipFile(path, "a") as file:
+        file.writestr("other.npy", b"no array")
+    assert_same(World.load(path), world)
+    monkeypatch.setattr(npz, "MOST_BYTES", 1_000)
+    with pytest.raises(WorldFileError, match=r"GB unpacked; limit 0 GB"):
+        World.load(path)
 
 
 @pytest.fixture(scope="module")

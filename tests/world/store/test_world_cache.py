@@ -4,6 +4,8 @@ import os
 import time
 from dataclasses import replace
 from importlib.metadata import version
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ import pytest
 from tests.world.lines import circle, course
 from tests.world.store.test_npz import assert_same
 from thalweg.core.cache import PACKAGE
-from thalweg.world import LEVELS, World, WorldError, load_or_build
+from thalweg.world import LEVELS, World, WorldError, WorldFileError, load_or_build
 from thalweg.world.store import world_cache as store
 
 DAY_S = 86400.0
@@ -90,7 +92,47 @@ def test_levels_and_seeds_have_their_own_files(worlds):
 def test_the_generator_hash_covers_all_code_that_builds_a_world():
     world = PACKAGE / "world"
     modules = {path for path in world.rglob("*.py") if path.name != "__init__.py"}
-    assert set(store.SOURCES) == modules - {world / "map_image.py"} | {PACKAGE / "core" / "compute" / "jit.py"}
+    compilers = {PACKAGE / "core" / "compute" / name for name in ("jit.py", "kernel_compiler.py")}
+    assert set(store.SOURCES) == modules - {world / "map_image.py"} | compilers
+
+
+def test_another_width_of_vectors_changes_the_generator_hash(monkeypatch):
+    hashes = set()
+    for bits in ("256", "512"):
+        monkeypatch.setenv("THALWEG_VECTOR_BITS", bits)
+        hashes.add(store.generator_hash())
+    assert len(hashes) == 2
+
+
+def test_the_worlds_that_were_not_used_for_longest_make_room(worlds, monkeypatch):
+    now = time.time()
+    load_or_build("easy", 0)
+    (first,) = (worlds / store.GENERATOR_HASH).iterdir()
+    load_or_build("easy", 1)
+    monkeypatch.setattr(store, "MOST_BYTES", 2.5 * first.stat().st_size)
+    for path in (worlds / store.GENERATOR_HASH).iterdir():
+        aged(path, 2 if path == first else 1, now)
+    load_or_build("easy", 0)  # used just now
+    load_or_build("easy", 2)
+    kept = sorted(path.name.split("-")[1] for path in (worlds / store.GENERATOR_HASH).iterdir())
+    assert kept == ["0", "2"]
+
+
+def test_a_world_that_cannot_be_read_for_lack_of_memory_is_not_removed(worlds, monkeypatch):
+    load_or_build("easy", 3)
+    (path,) = (worlds / store.GENERATOR_HASH).iterdir()
+
+    def lacking(_: Path) -> World:
+        raise WorldFileError("not a complete .npz file (Unable to allocate)")
+
+    def building(*_: Any) -> World:
+        assert path.is_file()
+        return small(3)
+
+    monkeypatch.setattr(World, "load", lacking)
+    monkeypatch.setattr(store, "build", building)
+    assert_same(load_or_build("Easy", 3), small(3))
+    assert path.is_file()
 
 
 def test_another_library_version_changes_the_generator_hash(monkeypatch):

@@ -3,16 +3,15 @@
 They are planned in a fraction of the time of a whole world, and kept beside those in the cache folder, in small files.
 """
 
-import contextlib
 from pathlib import Path
 
 import numpy as np
 
 from thalweg.core.cache import code_hash
-from thalweg.world import Level, WorldFileError
+from thalweg.world import Level
 from thalweg.world.generate.plan import plan
 from thalweg.world.record import Grid, Plants, World
-from thalweg.world.store.world_cache import cache_path
+from thalweg.world.store.world_cache import cache_path, load_or_make
 
 BUILT_BY = code_hash([Path(__file__)])[:8]
 """Hash of the code that makes these rivers out of what `thalweg.world` plans, on import as
@@ -24,14 +23,7 @@ def load_or_plan(level: Level, seed: int) -> World:
 
     A damaged file in the cache is replaced. A cache folder that cannot be written costs time, not the river.
     """
-    path = bare_path(level, seed)
-    if path.is_file():
-        with contextlib.suppress(WorldFileError):
-            return World.load(path)
-    world = plan_bare(level, seed)
-    with contextlib.suppress(OSError):
-        world.save(path)
-    return world
+    return load_or_make(bare_path(level, seed), lambda: plan_bare(level, seed))
 
 
 def bare_path(level: Level, seed: int) -> Path:

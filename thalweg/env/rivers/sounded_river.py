@@ -4,7 +4,6 @@ They take about half the time to build of a whole world, and are kept beside tho
 than rocks, and all colours, are left out, and so is the land further from the water than `SHORE_M`.
 """
 
-import contextlib
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import numpy as np
 from thalweg.core.cache import code_hash
 from thalweg.env.rivers import bare_river
 from thalweg.env.rivers.bare_river import plan_bare
-from thalweg.world import Level, WorldFileError
+from thalweg.world import Level
 from thalweg.world.generate import plants
 from thalweg.world.generate.banks.lay import Valley, lay
 from thalweg.world.generate.build import BANKS, PLANTS, TERRAIN
@@ -21,7 +20,7 @@ from thalweg.world.generate.plan import plan, random_stream
 from thalweg.world.generate.terrain import Relief, Terrain, build_terrain
 from thalweg.world.record import Grid, Plants, World
 from thalweg.world.species import kinds_of
-from thalweg.world.store.world_cache import cache_path
+from thalweg.world.store.world_cache import cache_path, load_or_make
 
 SHORE_M = 8.0
 """Land that is kept around the channel."""
@@ -35,14 +34,7 @@ def load_or_sound(level: Level, seed: int) -> World:
 
     A damaged file in the cache is replaced. A cache folder that cannot be written costs time, not the river.
     """
-    path = sounded_path(level, seed)
-    if path.is_file():
-        with contextlib.suppress(WorldFileError):
-            return World.load(path)
-    world = sound(level, seed)
-    with contextlib.suppress(OSError):
-        world.save(path)
-    return world
+    return load_or_make(sounded_path(level, seed), lambda: sound(level, seed))
 
 
 def sounded_path(level: Level, seed: int) -> Path:

@@ -15,16 +15,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from thalweg.core.atomic_io import atomic_path
-from thalweg.core.cache import cache_dir
+from thalweg.core.cache import cache_dir, keep_most_recent
 from thalweg.core.compute.jit import kernel_cache_dir
 from thalweg.render.bake import clouds, impostors
 from thalweg.render.bake.canopy import canopy_map
 from thalweg.render.bake.cone_map import cone_map
 from thalweg.world.record import World
 
-MOST_FILES = 1024
-"""Files that are kept, of some 4 MB each, one for each sun of a river; the least recently used beyond them are removed.
-Fewer than a training has rivers would all be removed before they are used again."""
+MOST_BYTES = 8_000_000_000
+"""Size of the files that are kept, of some 4 MB each, one for each sun of a river. If they were fewer than a training has
+rivers, all would be removed before they are used again."""
 
 
 class BakedMaps(NamedTuple):
@@ -95,7 +95,7 @@ def store(maps: BakedMaps, path: Path) -> None:
         with atomic_path(path) as draft, draft.open("wb") as file:
             # Not compressed, which would take longer to read.
             np.savez(file, **maps._asdict())
-        remove_oldest(path.parent)
+        keep_most_recent(path.parent, MOST_BYTES)
 
 
 def stored(path: Path) -> BakedMaps | None:
@@ -108,17 +108,3 @@ def stored(path: Path) -> BakedMaps | None:
     with contextlib.suppress(OSError):
         os.utime(path)
     return maps
-
-
-def remove_oldest(folder: Path) -> None:
-    """Remove all but the `MOST_FILES` most recently used files of a folder.
-
-    Files that another process removes at the same time are skipped.
-    """
-    ages = []
-    for file in folder.glob("*.npz"):
-        with contextlib.suppress(OSError):
-            ages.append((file.stat().st_mtime, file))
-    for _, file in sorted(ages, reverse=True)[MOST_FILES:]:
-        with contextlib.suppress(OSError):
-            file.unlink(missing_ok=True)

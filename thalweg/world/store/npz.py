@@ -24,6 +24,16 @@ RIVER = {"position_m": 2, "arc_m": 1, "tangent": 2, "width_m": 1, "depth_m": 1, 
 """Arrays [S] or [S, 2] of a river and their number of axes; all float64."""
 
 
+ARRAYS = {
+    *("about", *MAPS, "albedo", "islands", "bridges"),
+    *(f"river.{name}" for name in RIVER),
+    *(f"plants.{field.name}" for field in fields(Plants)),
+}
+"""Names of all arrays of a file; others are not read."""
+MOST_BYTES = 4_000_000_000
+"""Greatest size of the arrays of a file: a small archive may unpack to any size."""
+
+
 def save(world: World, path: str | Path) -> None:
     """Write a world to `path` atomically; its folder is created if missing."""
     description = {
@@ -54,11 +64,15 @@ def load(path: str | Path) -> World:
         raise WorldFileError(f"{path}: there is no such file")
     try:
         with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
+            size = sum(member.file_size for member in stored.zip.infolist())
+            too_large = size > MOST_BYTES
+            arrays = {name: stored[name] for name in stored.files if name in ARRAYS} if not too_large else {}
     except Exception as error:  # A damaged zip may raise nearly anything: encrypted, unknown compression, too large...
         # NumPy takes a file that is no zip archive for a pickle, and advises to trust it.
         reason = "it is not a zip archive" if "pickle" in str(error) else error
         raise WorldFileError(f"{path}: not a complete .npz file ({reason})") from None
+    if too_large:
+        raise WorldFileError(f"{path}: {size / 1e9:.1f} GB unpacked; limit {MOST_BYTES / 1e9:.0f} GB")
     description = _read_description(path, arrays)
     _check_arrays(path, arrays)
     river = {name: arrays[f"river.{name}"] for name in RIVER}

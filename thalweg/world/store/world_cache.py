@@ -13,7 +13,8 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-from thalweg.core.cache import PACKAGE, cache_dir, code_hash
+from thalweg.core.cache import PACKAGE, cache_dir, code_hash, keep_most_recent
+from thalweg.core.compute.kernel_compiler import preferred_vector_bits
 from thalweg.world.banks import text_of
 from thalweg.world.errors import WorldFileError
 from thalweg.world.generate.build import build, resolve_level
@@ -21,7 +22,7 @@ from thalweg.world.levels import Level
 from thalweg.world.record import World
 
 SOURCES = (
-    PACKAGE / "core" / "compute" / "jit.py",
+    *(PACKAGE / "core" / "compute" / name for name in ("jit.py", "kernel_compiler.py")),
     *(path for path in (PACKAGE / "world").rglob("*.py") if path.stem not in ("map_image", "__init__")),
 )
 """All code that can change a world or its file; the drawing of maps cannot."""
@@ -30,13 +31,15 @@ LIBRARIES = ("numpy", "scipy", "numba")
 
 
 def generator_hash() -> str:
-    """Return a hash of the code that builds worlds and of the versions of its libraries."""
-    components = [code_hash(SOURCES), *(version(library) for library in LIBRARIES)]
+    """Return a hash of the code that builds worlds, of the versions of its libraries, and of the width of vectors."""
+    components = [code_hash(SOURCES), *(version(library) for library in LIBRARIES), str(preferred_vector_bits())]
     return hashlib.sha256(" ".join(components).encode()).hexdigest()[:16]
 
 
 GENERATOR_HASH = generator_hash()
 """Computed on import: a process older than the sources on the disk must not store its worlds under their hash."""
+MOST_BYTES = 16_000_000_000
+"""Size of the worlds of a version that are kept: some 1,000 rivers of Hard."""
 UNUSED_FOLDER_AGE_S = 14 * 86400.0
 """Age after which an unused folder of another version is removed."""
 TEMPORARY_FILE_AGE_S = 86400.0
@@ -55,21 +58,23 @@ def load_or_build(level: Level | str, seed: int | None = None) -> World:
 
 
 def load_or_make(path: Path, make: Callable[[], World]) -> World:
-    """Return the world at a path in the cache, or one that is made and stored there, as `load_or_build` does."""
+    """Return the world at a path in the cache, or one that is made and stored there, as `load_or_build` does.
+
+    A file that cannot be read is replaced, not removed: what is wrong may be this process, which lacks memory. The
+    least recently used files beyond `MOST_BYTES` of a version are removed.
+    """
     if path.is_file():
-        try:
+        with contextlib.suppress(WorldFileError):
             world = World.load(path)
-        except WorldFileError:
             with contextlib.suppress(OSError):
-                path.unlink(missing_ok=True)
-        else:
-            with contextlib.suppress(OSError):
+                os.utime(path)
                 os.utime(path.parent)
             return world
     world = make()
     with contextlib.suppress(OSError):
         world.save(path)
         os.utime(path.parent)
+        keep_most_recent(path.parent, MOST_BYTES)
         remove_stale_once(path.parent.parent)
     return world
 

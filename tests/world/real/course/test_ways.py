@@ -87,3 +87,16 @@ def test_at_a_fork_the_river_that_most_is_named_after_goes_on_though_a_tributary
 def test_one_way_is_taken_as_it_is():
     only = way(A, B, (0.5, 0.0))
     assert join_ways([only]).places is only.places
+
+
+def test_loops_that_meet_in_one_place_have_no_main_stem():
+    one = way(B, (150, 40), (150, -40), B)
+    other = way(B, (50, 40), (50, -40), B)
+    with pytest.raises(WorldError, match="its 2 ways of water are loops that meet in one place"):
+        join_ways([one, other])
+
+
+def test_of_two_ways_between_the_same_places_the_shorter_one_counts_for_the_main_stem():
+    """From A to B it is 100 m by one way and 412 m by the other; a tributary of 250 m from B is shorter than A to C."""
+    ways = [way(A, (50, 200), B), way(A, B), way(B, C), way((100, 90), B)]
+    assert xs(join_ways(ways)) == [0, 100, 100]

@@ -9,11 +9,13 @@ import heapq
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from thalweg.world.errors import WorldError
+from thalweg.world.geometry import blocks
 from thalweg.world.real.geodesy import chord_lengths, earth_centred
 
 JOIN_M = 1.0
@@ -34,7 +36,7 @@ class Way:
     label: str
     """Its name in messages."""
 
-    @property
+    @cached_property
     def length_m(self) -> float:
         """Length along the straight segments."""
         return float(chord_lengths(self.places[:, :2]).sum())
@@ -75,6 +77,10 @@ def join_ways(ways: Sequence[Way]) -> Stem:
     network = _Network(pieces)
     network.check_connected()
     route = network.stem()
+    if not route:
+        raise WorldError(
+            f"its {len(ways)} ways of water are loops that meet in one place, so that none is the main stem: keep one"
+        )
     chosen = {piece for piece, _ in route}
     lengths = np.array([pieces[piece].length_m * (1 if forward else -1) for piece, forward in route])
     # Of as much length both ways, the first way in the file decides.
@@ -163,16 +169,35 @@ class _Network:
         if not loose and all(len(pieces) == 2 for pieces in self._edges.values()):
             return self._ring()
         allowed = self._named_most() if len(loose) != 2 or self._has_forks() else None
-        best: list[tuple[int, bool]] = []
-        longest = -1.0
         for members in (allowed, None):
-            for node in self._loose_ends(members):
-                length, route = self._farthest(node, members)
+            nodes = self._loose_ends(members)
+            farthest, longest = nodes[0], -1.0
+            for node, length in zip(nodes, self._reaches(nodes, members), strict=True):
                 if length > longest + 1e-6:
-                    longest, best = length, route
-            if best:
-                return best
-        return best
+                    longest, farthest = length, node
+            if route := self._farthest(farthest, members)[1]:
+                return route
+        return []
+
+    def _reaches(self, nodes: list[int], members: set[int] | None) -> list[float]:
+        """Return how far the farthest node from each of some nodes is, by the shortest way."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import dijkstra
+
+        shortest: dict[tuple[int, int], float] = {}
+        for piece, ends in enumerate(self.ends):
+            if (members is None or piece in members) and ends[0] != ends[1]:
+                between = min(ends), max(ends)
+                length = self.pieces[piece].length_m
+                shortest[between] = min(length, shortest.get(between, length))
+        count = max(map(max, self.ends)) + 1
+        rows, columns = np.array([*shortest], int).reshape(-1, 2).T
+        graph = coo_array((np.array([*shortest.values()]), (rows, columns)), shape=(count, count)).tocsr()
+        found = []
+        for block in blocks(len(nodes)):
+            apart = dijkstra(graph, directed=False, indices=nodes[block])
+            found += np.where(np.isfinite(apart), apart, 0.0).max(axis=1).tolist()
+        return found
 
     def _has_forks(self) -> bool:
         return any(len(pieces) > 2 for pieces in self._edges.values())

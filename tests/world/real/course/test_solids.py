@@ -1,13 +1,13 @@
 """Tests of placing islands and bridges on a straight river along the x axis."""
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
 
 from thalweg.world.bridges import Bridge
 from thalweg.world.generate.hydrology import make_river
-from thalweg.world.real.course.solids import Crossing, bridge_at, crossings_of, ellipse_of, merged
+from thalweg.world.real.course.solids import Crossing, bridge_at, crossings_of, ellipse_of, merged, place_solids
 
 S = 101
 RIVER = make_river(
@@ -70,3 +70,23 @@ def test_a_road_and_its_pavements_become_one_bridge():
     assert astuple(one) == pytest.approx((53.25, 10.5, 1.5, 1.0))
     far = Crossing(70.0, 3.0, 1.6, 1.0)
     assert merged([far, road]) == [road, far]
+
+
+def test_crossings_beside_the_seam_of_a_loop_become_one_bridge():
+    """Decks from 98.5 to 101.5 and from -0.5 to 2.5 m of a loop of 100 m: one from 98.5 to 102.5 m."""
+    first, last, far = (Crossing(arc, 3.0, 1.5, 1.0) for arc in (1.0, 100.0, 50.0))
+    found = merged([first, far, replace(last, arc_m=99.9999)], 100.0)
+    assert [each.arc_m for each in found] == pytest.approx([0.5, 50.0], abs=1e-3)
+    assert [each.width_m for each in found] == pytest.approx([4.0, 3.0], abs=1e-3)
+    assert merged([first, far], 100.0) == [first, far] and merged([far], 100.0) == [far]
+
+
+def test_an_island_that_a_file_has_twice_is_one():
+    t = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    ring = np.column_stack([60 + 6 * np.cos(t), 2 * np.sin(t)])
+    bank = np.column_stack([60 + 6.3 * np.cos(t), 2.1 * np.sin(t)])
+    rock = np.column_stack([60 + 1.0 * np.cos(t), 0.8 * np.sin(t)])
+    per_degree = 111_195.0
+    outlines = [each / per_degree for each in (ring, bank, rock)]
+    found = place_solids(outlines, [], (0.0, 0.0), RIVER)
+    assert found.islands[:, 2] == pytest.approx([6.0, 1.0], rel=0.01)

@@ -5,7 +5,7 @@ by the nearest of these.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +19,8 @@ from thalweg.world.record import River
 
 MIN_SEMI_AXIS_M = 0.5
 """Least semi-axis of an island; smaller ones are left out."""
+SAME_AREA = 1.25
+"""Greatest ratio of the areas of two islands in one place that are taken for one."""
 END_M = 2.0
 """Least course between an open end and an island or a bridge."""
 DECK_RANGE_M = (2.0, 15.0)
@@ -50,7 +52,11 @@ def place_solids(
     """Return the islands of outlines [K, 2] in degrees, and the bridges of lines, that lie on a river [S]."""
     origin = np.array(origin_deg)
     rows = [ellipse_of(local_metres(_near(ring, origin), origin)) for ring in outlines]
-    islands = [row for row in rows if row is not None and _is_in_channel(row, river)]
+    islands: list[np.ndarray] = []
+    for row in rows:
+        # Maps have an island as a hole of the water and as an area of its own.
+        if row is not None and _is_in_channel(row, river) and not any(_is_same(row, other) for other in islands):
+            islands.append(row)
     crossings: list[Crossing] = []
     crossing_lines = 0
     for feature in lines:
@@ -59,7 +65,7 @@ def place_solids(
         found = crossings_of(metres, width, river)
         crossing_lines += bool(found)
         crossings += found
-    bridges = [bridge_at(each, river) for each in merged(crossings)]
+    bridges = [bridge_at(each, river) for each in merged(crossings, river.length_m if river.closed else None)]
     return Solids(
         np.array(islands, dtype=np.float64).reshape(-1, 5),
         np.array(bridges, dtype=np.float64).reshape(-1, 11),
@@ -98,6 +104,13 @@ def ellipse_of(ring: np.ndarray) -> np.ndarray | None:
         return None
     angle = np.arctan2(axes[1, 1], axes[0, 1]) % np.pi
     return np.array([*(middle + centre), along * scale, across * scale, angle])
+
+
+def _is_same(row: np.ndarray, other: np.ndarray) -> bool:
+    """Return whether two islands [5] are one: either's middle lies well within the other, and their areas agree."""
+    apart = np.hypot(*(row[:2] - other[:2]))
+    sizes = sorted((row[2] * row[3], other[2] * other[3]))
+    return bool(apart < min(row[3], other[3]) / 2 and sizes[1] <= SAME_AREA * sizes[0])
 
 
 def _is_in_channel(row: np.ndarray, river: River) -> bool:
@@ -145,13 +158,14 @@ def crossings_of(line: np.ndarray, width_m: float, river: River) -> list[Crossin
     return found
 
 
-def merged(crossings: Sequence[Crossing]) -> list[Crossing]:
+def merged(crossings: Sequence[Crossing], around_m: float | None = None) -> list[Crossing]:
     """Return the crossings in the order of the course, with those that would overlap as one: a road and its pavements.
 
-    It is as wide as all together, and has the direction of the widest.
+    It is as wide as all together, and has the direction of the widest. `around_m`: length of a closed course, on which
+    crossings beside its seam may overlap too.
     """
     found: list[Crossing] = []
-    for each in sorted(crossings, key=lambda crossing: crossing.arc_m):
+    for each in _from_the_widest_gap(sorted(crossings, key=lambda crossing: crossing.arc_m), around_m):
         if not found or _start(each) - _end(found[-1]) >= BETWEEN_M:
             found.append(each)
             continue
@@ -160,7 +174,20 @@ def merged(crossings: Sequence[Crossing]) -> list[Crossing]:
         widest = max(last, each, key=lambda crossing: crossing.width_m)
         width = float(np.clip((end - start) * widest.sine, *DECK_RANGE_M))
         found.append(Crossing((start + end) / 2, width, widest.angle, widest.sine))
-    return found
+    if around_m is None:
+        return found
+    on_course = (replace(each, arc_m=each.arc_m % around_m) if each.arc_m >= around_m else each for each in found)
+    return sorted(on_course, key=lambda crossing: crossing.arc_m)
+
+
+def _from_the_widest_gap(crossings: list[Crossing], around_m: float | None) -> list[Crossing]:
+    """Return sorted crossings of a closed course from that after the widest gap on, those before it a round later."""
+    if around_m is None or len(crossings) < 2:
+        return crossings
+    again = [replace(each, arc_m=each.arc_m + around_m) for each in crossings]
+    gaps = [_start(after) - _end(before) for before, after in pairwise([*crossings, again[0]])]
+    first = (int(np.argmax(gaps)) + 1) % len(crossings)
+    return crossings[first:] + again[:first]
 
 
 def _start(crossing: Crossing) -> float:

@@ -127,3 +127,14 @@ def test_places_west_of_the_antimeridian_are_followed(tmp_path):
     feature = {"type": "Feature", "properties": {"width": 8, "banks": "reeds_0-40"}}
     feature["geometry"] = {"type": "LineString", "coordinates": wrapped}
     assert banks_of(write(tmp_path, feature)) == "reeds_0-40"
+
+
+def test_a_span_may_lead_over_the_end_of_a_closed_way(tmp_path):
+    ring = [*map(tuple, circle(40.0, 60)), (40.0, 0.0)]
+    over = banks_of(write(tmp_path, line(ring, width=8, banks="quay_200-20")))
+    first, last = (float(each) for each in over.removeprefix("quay_").split("-"))
+    assert (first, last) == (pytest.approx(200, abs=2.0), pytest.approx(20, abs=2.0))
+    with pytest.raises((WorldError, WorldFileError), match="is not on the way"):
+        banks_of(write(tmp_path, line(ring, width=8, banks="quay_300-20")))
+    with pytest.raises((WorldError, WorldFileError), match="is not on the way"):
+        banks_of(write(tmp_path, line(straight(0, 300), width=8, banks="quay_200-20")))

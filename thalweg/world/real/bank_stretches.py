@@ -12,6 +12,7 @@ import numpy as np
 
 from thalweg.world.banks import BankReach, Banks, parse_banks
 from thalweg.world.errors import WorldError
+from thalweg.world.geometry import BLOCK_PAIRS
 from thalweg.world.real.geodesy import chord_lengths, local_metres
 from thalweg.world.record import River
 
@@ -40,12 +41,15 @@ class Stretch:
 def stretches_of(degrees: np.ndarray, value: Any, label: str) -> list[Stretch]:
     """Return the stretches of a way [K, 2] in degrees with a property `banks`, None for none.
 
+    On a closed way a reach may lead over its end.
+
     Raises `WorldError` that names the way, for a value that `thalweg.world.banks.read_banks` does not read, and for a
     reach that is not on the way.
     """
     if value is None:
         return []
     arc = np.concatenate([[0.0], np.cumsum(chord_lengths(degrees))])
+    is_ring = bool(np.array_equal(degrees[0], degrees[-1]))
     try:
         reaches = parse_banks(value)
     except WorldError as reason:
@@ -53,9 +57,13 @@ def stretches_of(degrees: np.ndarray, value: Any, label: str) -> list[Stretch]:
     found = []
     for reach in reaches:
         end = arc[-1] if reach.end_m is None else reach.end_m
-        if not reach.start_m < end <= arc[-1]:
+        is_on_way = reach.start_m < arc[-1] and end <= arc[-1]
+        over_end = is_on_way and is_ring and end < reach.start_m
+        if not is_on_way or (end <= reach.start_m and not over_end):
             raise WorldError(f"{label}: banks: {reach.text} is not on the way, which is {arc[-1]:.1f} m long")
+        end += arc[-1] if over_end else 0.0
         at = np.linspace(reach.start_m, end, max(int((end - reach.start_m) / STEP_M), 1) + 1)
+        at = np.where(at > arc[-1], at - arc[-1], at)
         longitude = np.interp(at, arc, np.unwrap(degrees[:, 0], period=360.0))
         found.append(Stretch(reach.kind, reach.side, np.stack([longitude, np.interp(at, arc, degrees[:, 1])], axis=1)))
     return found
@@ -71,7 +79,17 @@ def _reach(stretch: Stretch, origin_deg: np.ndarray, river: River) -> BankReach 
     degrees = stretch.degrees.copy()
     degrees[:, 0] = origin_deg[0] + (degrees[:, 0] - origin_deg[0] + 180.0) % 360.0 - 180.0
     places = local_metres(degrees, origin_deg)
-    arc, away, width = _along(places, river)
+    # Of a long way only what lies about the course is compared with all of it.
+    clear = river.width_m.max() + BESIDE_M
+    low, high = river.position_m.min(axis=0) - clear, river.position_m.max(axis=0) + clear
+    about = np.flatnonzero(((places >= low) & (places <= high)).all(axis=1))
+    if len(about) < 2:
+        return None
+    arc, away, width = (np.full(len(places), value) for value in (0.0, np.inf, 0.0))
+    size = max(BLOCK_PAIRS // river.segments, 1)
+    for first in range(0, len(about), size):
+        rows = about[first : first + size]
+        arc[rows], away[rows], width[rows] = _along(places[rows], river)
     near = away <= width + BESIDE_M
     if np.count_nonzero(near) < 2:
         return None

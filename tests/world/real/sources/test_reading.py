@@ -96,6 +96,18 @@ def test_elevations_of_gpx_count(tmp_path):
     assert np.ptp(planned(tmp_path / "a.gpx", width_m=9.0, flat_water=True).river.level_m) == 0
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "iso-8859-1", "windows-1252"])
+def test_text_may_be_in_the_encoding_that_it_declares(tmp_path, encoding):
+    named = GPX.format(track(PLACES, "Bäche"))
+    declared = f'<?xml version="1.0" encoding="{encoding.removesuffix("-sig")}"?>'
+    (tmp_path / "a.gpx").write_bytes(f"{declared}\n{named}".encode(encoding))
+    assert planned(tmp_path / "a.gpx", width_m=9.0).name == "Bäche"
+    if encoding.startswith("utf"):
+        feature = FORMATS["nested.geojson"].replace("Isar", "Bäche")
+        (tmp_path / "a.geojson").write_bytes(feature.encode(encoding))
+        assert planned(tmp_path / "a.geojson", width_m=9.0).name == "Bäche"
+
+
 OUTER = from_metres([(0, -8), (200, -8), (200, 8), (0, 8)])
 INNER = from_metres([(60, 1), (70, 1), (70, 4), (60, 4), (60, 1)])
 
@@ -150,6 +162,14 @@ BAD = {
     "words.kml": (KML.format(KML_LINE.format(data="", mode="", places="11,48 east,3")), 'Isar: "east,3" is no'),
     "none.kml": (KML.format(KML_LINE.format(data="", mode="", places="")), "placemark Isar has no coordinates"),
     "ids.json": (json.dumps({"elements": [{"type": "way", "id": 4, "nodes": [1]}]}), "way/4 has no geometry: end the"),
+    "cut.json": (
+        json.dumps({"elements": [], "remark": "runtime error: Query timed out in \"query\" at line 3"}),
+        "the Overpass server gave up, so that parts are missing: .*timed out",
+    ),
+    "box.json": (
+        overpass({"type": "way", "id": 7, "geometry": [{"lon": 1, "lat": 2}, None, {"lon": 1.1, "lat": 2}]}),
+        r"way/7 leaves the query's box and comes back: end the query with `out geom;`, without a box",
+    ),
     "what.json": (json.dumps({"elements": [3]}), "not Overpass JSON: 3 stands where an element is expected"),
     "empty.json": ("  \n", "the file is empty; expected GeoJSON, Overpass JSON, GPX or KML"),
     "db.gpkg": (b"SQLite format 3\x00...", r"a database, such as a GeoPackage: convert it with ogr2ogr .* db\.gpkg"),

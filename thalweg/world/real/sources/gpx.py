@@ -6,6 +6,7 @@ from thalweg.world.errors import WorldError
 from thalweg.world.real.sources.coordinates import Coordinates
 from thalweg.world.real.sources.extra import need
 from thalweg.world.real.sources.features import FeatureList
+from thalweg.world.real.sources.xml_file import text_of_xml
 
 
 def gpx_features(content: bytes) -> FeatureList:
@@ -15,7 +16,7 @@ def gpx_features(content: bytes) -> FeatureList:
     """
     gpxpy = need("gpxpy", "a GPX file")
     try:
-        gpx = gpxpy.parse(content)
+        gpx = gpxpy.parse(text_of_xml(content))
     except (gpxpy.gpx.GPXException, ValueError, TypeError, LookupError) as reason:
         raise WorldError(f"not GPX: {' '.join(str(reason).split())}") from None
     found = FeatureList()

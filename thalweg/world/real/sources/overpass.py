@@ -20,8 +20,12 @@ def is_overpass(data: Any) -> bool:
 
 
 def overpass_features(data: dict) -> FeatureList:
-    """Return the ways and multipolygons of an answer; raises `WorldError` for ways without geometry."""
+    """Return the ways and multipolygons of an answer; raises `WorldError` for ways without geometry, and for an answer
+    that its server did not finish."""
     found = FeatureList()
+    remark = data.get("remark")
+    if isinstance(remark, str) and "error" in remark:
+        raise WorldError(f"the Overpass server gave up, so that parts are missing: {shortened(remark)}; ask it again")
     for element in data["elements"]:
         if not isinstance(element, dict) or not isinstance(element.get("type"), str):
             raise WorldError(f"not Overpass JSON: {shortened(element)} stands where an element is expected")
@@ -44,11 +48,17 @@ def _add_way(element: dict, tags: Mapping[str, Any], label: str, found: FeatureL
 
 
 def _places(element: dict, label: str) -> np.ndarray:
-    """Return [K, 3] the geometry of a way; places outside the query's box, which are null, are left out."""
+    """Return [K, 3] the geometry of a way; places beyond its ends that are outside the query's box, which are null, are
+    left out. Raises `WorldError` for such places between others, over which the way would be a straight line."""
     geometry = element.get("geometry")
     if not isinstance(geometry, list):
         raise WorldError(f"{label} has no geometry: end the query with `out geom;`")
-    rows = [[place.get("lon"), place.get("lat")] for place in geometry if isinstance(place, dict)]
+    inside = [index for index, place in enumerate(geometry) if isinstance(place, dict)]
+    if inside and len(inside) <= inside[-1] - inside[0]:
+        raise WorldError(
+            f"{label} leaves the query's box and comes back: end the query with `out geom;`, without a box"
+        )
+    rows = [[geometry[index].get("lon"), geometry[index].get("lat")] for index in inside]
     return Coordinates(None).degrees(positions(rows, label), label)
 
 

@@ -10,7 +10,7 @@ from thalweg.world.real.sources.geojson_features import geojson_features
 from thalweg.world.real.sources.gpx import gpx_features
 from thalweg.world.real.sources.kml import kml_features
 from thalweg.world.real.sources.overpass import is_overpass, overpass_features
-from thalweg.world.real.sources.xml_file import local_name, parse_xml
+from thalweg.world.real.sources.xml_file import UTF_16, local_name, parse_xml
 
 MAX_FILE_BYTES = 64_000_000
 """Maximum size of a file."""
@@ -30,7 +30,7 @@ def read_features(path: Path, crs: str | None) -> FeatureList:
     says what is wrong with the file, without its name.
     """
     content = _read_bytes(path)
-    if content.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"<" or content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+    if _is_xml(content):
         found = _xml_features(content)
     else:
         data = _json(content)
@@ -58,6 +58,14 @@ def _read_bytes(path: Path) -> bytes:
     return content
 
 
+def _is_xml(content: bytes) -> bool:
+    """Return whether a text begins as XML does, in UTF-8 or, by its mark, in UTF-16."""
+    begin = content[:1024]
+    if content[:2] in UTF_16:
+        begin = begin.decode("utf-16", "replace").encode("utf-8", "replace")
+    return begin.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"<"
+
+
 def _xml_features(content: bytes) -> FeatureList:
     root = parse_xml(content)
     kind = local_name(root)
@@ -71,7 +79,8 @@ def _xml_features(content: bytes) -> FeatureList:
 
 def _json(content: bytes) -> Any:
     try:
-        return json.loads(content.decode("utf-8-sig"), parse_constant=_refuse_constant)
+        encoding = "utf-16" if content[:2] in UTF_16 else "utf-8-sig"
+        return json.loads(content.decode(encoding), parse_constant=_refuse_constant)
     except UnicodeDecodeError as reason:
         raise WorldError(f"not text in UTF-8 (byte {reason.start}); expected {KNOWN}") from None
     except ValueError as reason:

@@ -18,6 +18,12 @@ from thalweg.core import yaml12
         ("v1", "v1"),
         ("1:16", "1:16"),
         ("-12", -12),
+        ("010", 10),
+        ("-007", -7),
+        ("1_000", 1000),
+        ("0o10", 8),
+        ("-0x1F", -31),
+        ("0b101", 5),
     ],
 )
 def test_numbers_are_read_as_in_yaml_1_2(text: str, value: object):

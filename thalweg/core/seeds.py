@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 from typing import Any
 
-RANGE = re.compile(r"([0-9_]+):([0-9_]+)")
+RANGE = re.compile(r"([0-9](?:_?[0-9]){0,39}):([0-9](?:_?[0-9]){0,39})")
 MAX_SEEDS = 1_000_000
 """Greatest number of seeds in a list: more is a slip, such as a date."""
 LONGEST_LISTED = 16
@@ -64,8 +64,8 @@ def _range(part: str | range, what: str, error: type[ValueError]) -> range:
     if isinstance(part, range):
         if not part:
             raise error(f"{what}: {part} holds no seed")
-        if min(part) < 0:
-            raise error(f"{what}: a seed must be 0 or more, not {min(part)}")
+        if (least := min(part[0], part[-1])) < 0:
+            raise error(f"{what}: a seed must be 0 or more, not {least}")
         return part
     if (match := RANGE.fullmatch(part)) is None:
         seed = _seed(_number(part), what, error, part)

@@ -25,6 +25,11 @@ class Loader(yaml.SafeLoader):
                 raise yaml.constructor.ConstructorError(None, None, f"duplicate key {key!r}", node.start_mark)
         return super().construct_mapping(node, deep)
 
+    def construct_integer(self, node: yaml.ScalarNode) -> int:
+        """Return a whole number, of which zeros in front change nothing: YAML 1.1 takes 010 for eight."""
+        digits = node.value.replace("_", "")
+        return int(digits, 0 if digits.lstrip("-+")[:2] in ("0b", "0o", "0x") else 10)
+
 
 # YAML 1.1 takes 1:16 for 76, a number to the base of 60, and not for a range of seeds.
 Loader.yaml_implicit_resolvers = {
@@ -33,9 +38,10 @@ Loader.yaml_implicit_resolvers = {
 }
 Loader.add_implicit_resolver(
     "tag:yaml.org,2002:int",
-    re.compile(r"([-+]?0b[01_]+|[-+]?0[0-7_]+|[-+]?(0|[1-9][0-9_]*)|[-+]?0x[0-9a-fA-F_]+)$"),
+    re.compile(r"([-+]?0b[01_]+|[-+]?0o[0-7_]+|[-+]?[0-9][0-9_]*|[-+]?0x[0-9a-fA-F_]+)$"),
     list("-+0123456789"),
 )
+Loader.add_constructor("tag:yaml.org,2002:int", Loader.construct_integer)
 Loader.add_implicit_resolver(
     "tag:yaml.org,2002:float", re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$"), list("-+.0123456789")
 )

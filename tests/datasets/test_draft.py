@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from tests.datasets.episodes import ABOUT, SIZE, assert_same, flight
-from thalweg.datasets.draft import draft_folder, finished_flights
+from thalweg.datasets.draft import check_new, draft_folder, finished_flights
 from thalweg.datasets.episode import LAYERS
 from thalweg.datasets.errors import DatasetError
 from thalweg.datasets.lerobot_flight import BLOCK
@@ -171,6 +171,15 @@ def test_an_interrupted_recording_of_other_options_is_refused_by_their_names(tmp
     with pytest.raises(DatasetError, match=told), recording(path, "lerobot", ABOUT, options={"seed": 4}):
         pass
     assert [each["steps"] for each in finished_flights(path)] == [3]
+
+
+def test_the_folder_that_a_command_stands_in_can_be_recorded_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "mine").mkdir()
+    monkeypatch.chdir(tmp_path / "mine")
+    check_new(Path("."))
+    assert draft_folder(Path(".")) == tmp_path / ".mine.part" and finished_flights(Path(".")) == []
+    with pytest.raises(DatasetError, match="/ is no folder for recordings: name a new one"):
+        check_new(Path("/"))
 
 
 def test_two_commands_do_not_record_to_one_folder(tmp_path: Path):

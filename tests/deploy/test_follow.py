@@ -70,6 +70,13 @@ def test_the_middle_of_a_frame_is_cut_to_the_shape_of_the_camera():
     np.testing.assert_allclose(found[7, :, 0], np.arange(30) * 2 + 0.5, atol=0.5)
 
 
+@pytest.mark.parametrize(("camera", "frame"), [((100, 100), (247, 247)), ((1200, 1600), (33, 44))])
+def test_rounding_cuts_no_frame_beyond_its_edge(camera: tuple[int, int], frame: tuple[int, int]):
+    """A scale of 2.47 has no exact number, and 100 of it are a little more than 247."""
+    found = cut_to(np.full((*frame, 3), 7, np.uint8), camera)
+    assert found.shape == (*camera, 3) and (found == 7).all()
+
+
 @pytest.mark.parametrize(("step_s", "every", "shown"), [(0.25, 3, (8, 2.0)), (0.5, 6, (4, 2.0))])
 def test_frames_that_are_a_step_apart_are_read(step_s: float, every: int, shown: tuple, tmp_path: Path):
     frames = np.repeat(np.arange(24, dtype=np.uint8)[:, None, None, None] * 10, 64, 1).repeat(64, 2).repeat(3, 3)

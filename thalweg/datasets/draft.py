@@ -41,7 +41,8 @@ class Draft:
 
 def draft_folder(path: Path) -> Path:
     """Return the folder in which the data set of `path` is written."""
-    return path.with_name(f".{path.name}.part")
+    whole = path.absolute()  # `.` has no name
+    return whole.with_name(f".{whole.name}.part")
 
 
 def finished_flights(path: Path) -> list[dict[str, Any]]:
@@ -61,6 +62,8 @@ def finished_flights(path: Path) -> list[dict[str, Any]]:
 
 def check_new(path: Path) -> None:
     """Raise `DatasetError` unless `path` is free or an empty folder."""
+    if not path.absolute().name:
+        raise DatasetError(f"{path} is no folder for recordings: name a new one")
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise DatasetError(f"{path} is there already: name a new folder for the recordings")
 

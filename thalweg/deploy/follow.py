@@ -87,8 +87,9 @@ def cut_to(frame: np.ndarray, size_px: tuple[int, int]) -> np.ndarray:
     """Return the middle of a frame [H', W', 3] uint8, with the shape of a camera, as [H, W, 3] uint8."""
     height, width = size_px
     scale = min(frame.shape[0] / height, frame.shape[1] / width)
-    top, left = (frame.shape[0] - scale * height) / 2, (frame.shape[1] - scale * width) / 2
-    box = (left, top, left + scale * width, top + scale * height)
+    # Rounding may not lead over the frame's edge.
+    top, left = max((frame.shape[0] - scale * height) / 2, 0.0), max((frame.shape[1] - scale * width) / 2, 0.0)
+    box = (left, top, min(left + scale * width, frame.shape[1]), min(top + scale * height, frame.shape[0]))
     return np.array(Image.fromarray(frame).resize((width, height), Image.Resampling.BOX, box=box))
 
 

@@ -33,6 +33,13 @@ def test_unknown_names_are_refused_with_the_valid_ones(name: str):
         resolve_device(name)
 
 
+def test_auto_is_the_cpu_without_pytorch(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    assert resolve_device("auto") == "cpu"
+    with pytest.raises(DeviceError, match="device = 'cuda': PyTorch is not installed"):
+        resolve_device("cuda")
+
+
 def test_auto_is_the_cpu_without_a_usable_gpu(two_gpus: pytest.MonkeyPatch):
     two_gpus.setattr(torch.cuda, "device_count", lambda: 0)
     assert resolve_device("auto") == "cpu"

@@ -38,7 +38,10 @@ def resolve_device(name: str) -> str:
 
 def cuda_unavailable_reason(index: int = 0) -> str:
     """Return why the GPU with this index cannot be used, or an empty string if it can."""
-    import torch  # takes longer to import than everything else a world needs
+    try:
+        import torch  # takes longer to import than everything else a world needs
+    except ModuleNotFoundError:
+        return f"PyTorch is not installed: {how_to_install('learn')}"
 
     if torch.version.cuda is None:
         return f"torch {torch.__version__} was built without CUDA: install a build with CUDA, see pytorch.org"

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numba
@@ -59,6 +60,19 @@ def test_poses_indices_and_times_of_any_memory_layout_reach_the_kernel_as_the_co
     views = renderer._checked(poses, index, times, None)
     assert numba.typeof(views) == numba.typeof(compilation.arguments()[1])
     np.testing.assert_array_equal(views.times, np.full(count, 0.0 if time_s == "none" else 2.0))
+
+
+def test_threads_that_draw_at_once_wait_for_one_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    slow, started = tmp_path / "python", tmp_path / "started"
+    slow.write_text(f"#!/bin/sh\necho one >> {started}\nsleep 0.3\n")
+    slow.chmod(0o755)
+    monkeypatch.setattr(compilation, "_ready", False)
+    monkeypatch.setattr(compilation, "_child", None)
+    monkeypatch.setattr(compilation, "kernel_cache_dir", lambda: tmp_path)
+    monkeypatch.setattr(sys, "executable", str(slow))
+    with ThreadPoolExecutor(8) as threads:
+        assert [*threads.map(lambda _: compilation.finish(), range(8))] == [None] * 8
+    assert started.read_text() == "one\n" and compilation._child is None
 
 
 def test_where_no_process_can_compile_a_warning_says_what_follows(

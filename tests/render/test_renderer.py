@@ -43,6 +43,16 @@ def test_bad_requests_name_the_value_and_what_would_be_right():
         renderer.render([0.0, 0.0, 2.0])
     with pytest.raises(ValueError, match="pose 1 is not finite"):
         renderer.render([[0, 0, 2, 0], [0, np.nan, 2, 0]])
+    with pytest.raises(ValueError, match=r"pose 1 holds 1e\+12; its numbers lie within ±1e\+06"):
+        renderer.render([[0, 0, 2, 0], [0, 1e12, 2, 0]])
+    for time_s in (np.nan, np.inf, 1e12, [-1e12]):
+        with pytest.raises(ValueError, match=r"time_s holds (nan|inf|-?1e\+12); times lie within ±1e\+06 s"):
+            renderer.render([[0, 0, 2, 0]], time_s=time_s)
+    with pytest.raises(ValueError, match=r"time_s has shape \[2\]; it must be one number or \[1\]"):
+        renderer.render([[0, 0, 2, 0]], time_s=[0.0, 1.0])
+    for wind in ([[1e200, 0.0]], [[0.0, np.nan]], [0.0, 1.0]):
+        with pytest.raises(ValueError, match=r"it must be \[1, 2\] in m/s east and north, within ±1000"):
+            renderer.render([[0, 0, 2, 0]], wind=wind)
     with pytest.raises(ValueError, match=r"world_index must be in 0\.\.0; got 1\.\.1"):
         renderer.render([[0, 0, 2, 0]], [1])
     with pytest.raises(ValueError, match=r"must be contiguous uint8 \[1, 32, 32, 4\]"):

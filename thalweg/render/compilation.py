@@ -7,6 +7,7 @@ that draws compiles the kernel itself, and its frames are the same.
 import os
 import subprocess
 import sys
+import threading
 import warnings
 from pathlib import Path
 
@@ -27,10 +28,16 @@ TIMEOUT_S = 900.0
 
 _child: subprocess.Popen | None = None
 _ready = False
+_lock = threading.Lock()
 
 
 def begin() -> None:
     """Start compiling in the background unless the kernel is compiled already, and print that; returns at once."""
+    with _lock:
+        _begin()
+
+
+def _begin() -> None:
     global _child, _ready
     folder = kernel_cache_dir()
     # Without a cache folder every process compiles anew, with the same result each time.
@@ -50,10 +57,14 @@ def begin() -> None:
 
 def finish() -> None:
     """Wait until the kernel is compiled. If the child process fails, warn; this process then compiles when it draws."""
+    if not _ready:
+        with _lock:  # threads that draw at once wait for the same process
+            _finish()
+
+
+def _finish() -> None:
     global _child, _ready
-    if _ready:
-        return
-    begin()
+    _begin()
     if _child is not None:
         try:
             _, output = _child.communicate(timeout=TIMEOUT_S)
@@ -65,7 +76,7 @@ def finish() -> None:
         if failure:
             warnings.warn(
                 f"the frames' kernel could not be compiled in a process of its own ({failure}): this one compiles it",
-                stacklevel=2,
+                stacklevel=3,
             )
         _child = None
     _ready = True
@@ -89,9 +100,9 @@ def main() -> None:
 
 
 def _drop_child() -> None:
-    """Forget the compiling process in a forked process, which can't wait for it."""
-    global _child
-    _child = None
+    """Forget the compiling process in a forked process, which can't wait for it, and who holds the lock."""
+    global _child, _lock
+    _child, _lock = None, threading.Lock()
 
 
 if hasattr(os, "register_at_fork"):

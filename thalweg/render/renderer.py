@@ -47,6 +47,11 @@ class Frame:
     """[N, H, W] uint8: 0 sky, 1 water, 2 ground, 3 plant, 4 bridge, 5 swimmer, 6 kayak, 7 buoy, 8 gauge station."""
 
 
+FARTHEST, LATEST_S, FASTEST_M_PER_S = 1e6, 1e6, 1e3
+"""Greatest numbers of poses, in metres and radians, of times and of winds: far beyond them kernels, which check no
+index, compute what is no number."""
+
+
 class Renderer:
     """Draws worlds as a camera sees them. Its tables are built once; drawing changes nothing in it."""
 
@@ -242,13 +247,16 @@ class Renderer:
             raise RenderError(f"poses have shape {list(poses.shape)}; they must be [N, 4]: x, y, z, yaw")
         if not np.isfinite(poses).all():
             raise RenderError(f"pose {int(np.argmin(np.isfinite(poses).all(axis=1)))} is not finite")
+        if len(far := np.argwhere(np.abs(poses) > FARTHEST)):
+            row, column = far[0]
+            raise RenderError(f"pose {row} holds {poses[row, column]:g}; its numbers lie within ±{FARTHEST:g}")
         count = len(poses)
         index = np.zeros(count, np.int64) if world_index is None else np.array(world_index, np.int64)
         if index.shape != (count,):
             raise RenderError(f"world_index has shape {list(index.shape)}; there are {count} poses")
         if count and (index.min() < 0 or index.max() >= self.count):
             raise RenderError(f"world_index must be in 0..{self.count - 1}; got {index.min()}..{index.max()}")
-        times = np.array(np.broadcast_to(0.0 if time_s is None else time_s, count), np.float64, order="C")
+        times = _checked_times(time_s, count)
         if look is None:
             rows = np.repeat(self._default_look_row, count, axis=0)
         else:
@@ -263,11 +271,25 @@ class Renderer:
         return look_rows(look_values(None, 1), self.camera)
 
 
+def _checked_times(time_s: ArrayLike | None, count: int) -> np.ndarray:
+    """Return times [N] float64; raises `RenderError` for another shape, or times beyond `LATEST_S`."""
+    times = np.asarray(0.0 if time_s is None else time_s, np.float64)
+    if times.shape not in ((), (count,)):
+        raise RenderError(f"time_s has shape {list(times.shape)}; it must be one number or [{count}]")
+    if not (np.abs(times) <= LATEST_S).all():  # NaN is none of them
+        wrong = times.ravel()[~(np.abs(times.ravel()) <= LATEST_S)][0]
+        raise RenderError(f"time_s holds {wrong:g}; times lie within ±{LATEST_S:g} s")
+    return np.array(np.broadcast_to(times, count), order="C")
+
+
 def _checked_wind(wind: ArrayLike, count: int) -> np.ndarray:
-    """Return winds [N, 2] float64; raises `RenderError` for another shape, or values that are not finite."""
+    """Return winds [N, 2] float64; raises `RenderError` for another shape, or values beyond `FASTEST_M_PER_S`."""
     winds = np.asarray(wind, np.float64)
-    if winds.shape != (count, 2) or not np.isfinite(winds).all():
-        raise RenderError(f"wind has shape {list(winds.shape)}; it must be [{count}, 2], finite, in m/s east and north")
+    if winds.shape != (count, 2) or not (np.abs(winds) <= FASTEST_M_PER_S).all():
+        raise RenderError(
+            f"wind has shape {list(winds.shape)} and values up to {np.abs(winds).max(initial=0.0):g}; it must be"
+            f" [{count}, 2] in m/s east and north, within ±{FASTEST_M_PER_S:g}"
+        )
     return winds
 
 

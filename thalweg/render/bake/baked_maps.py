@@ -23,8 +23,8 @@ from thalweg.render.bake.cone_map import cone_map
 from thalweg.world.record import World
 
 MOST_BYTES = 8_000_000_000
-"""Size of the files that are kept, of some 4 MB each, one for each sun of a river. If they were fewer than a training has
-rivers, all would be removed before they are used again."""
+"""Size of the files that are kept, of some 4 MB each, one for each sun of a river. If fewer than a training has rivers
+were kept, all would be removed before they are used again."""
 
 
 class BakedMaps(NamedTuple):

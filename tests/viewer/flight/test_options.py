@@ -1,5 +1,8 @@
 """Tests of the options of a flight."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 
 from thalweg.core.config import parse_config
@@ -65,3 +68,16 @@ def test_a_river_is_built_once_and_the_fixed_one_is_that_of_its_level():
     rivers = Rivers()
     assert rivers.world("Easy", None) is rivers.world("Easy", None)
     assert (rivers.world("Easy", None).name, rivers.world("Easy", None).seed) == ("Easy", 1)
+    assert rivers.world("Easy", 1) is rivers.world("Easy", None)
+
+
+def test_the_rivers_that_were_flown_last_are_kept(monkeypatch: pytest.MonkeyPatch):
+    rivers, built = Rivers(), []
+
+    def build(name: str) -> Any:
+        return lambda seed: built.append((name, seed)) or SimpleNamespace(seed=1 if seed is None else seed)
+
+    monkeypatch.setattr(rivers, "_builder", build)
+    for seed in (1, 2, 3, 4, 1, 5, 1, None, None, 2):
+        assert rivers.world("Easy", seed).seed == (seed or 1)
+    assert [seed for _, seed in built] == [1, 2, 3, 4, 5, None, 2]

@@ -5,7 +5,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from tests.viewer.server.conftest import ORIGIN, TOKEN, Server
 from thalweg.viewer.server.app import FILES
-from thalweg.viewer.server.guard import name_of, new_token
+from thalweg.viewer.server.guard import Guard, name_of, new_token
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -64,6 +64,21 @@ def test_a_socket_of_a_foreign_page_is_refused(server: Server, attempt: dict):
     with pytest.raises(WebSocketDisconnect) as refused, server.open(**attempt):
         pass
     assert refused.value.code == 1008
+
+
+@pytest.mark.parametrize(
+    ("given", "sent", "refused"),
+    [
+        ("MyHost", "myhost:8000", False),
+        ("2001:DB8:0::1", "[2001:db8::1]:8000", False),
+        ("myhost", "MYHOST", False),
+        ("myhost", "myhost.example", True),
+    ],
+)
+def test_a_host_is_known_as_browsers_write_it(given: str, sent: str, refused: bool):
+    guard = Guard(lambda *_: None, TOKEN, [given])  # pyright: ignore[reportArgumentType]
+    scope = {"type": "http", "path": f"/{TOKEN}/", "headers": [(b"host", sent.encode())]}
+    assert (guard.refusal(scope) is not None) == refused
 
 
 def test_only_reading_is_allowed(server: Server):

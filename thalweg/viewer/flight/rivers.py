@@ -25,7 +25,9 @@ class Rivers:
             self._build[reach.name] = lambda seed: reach.build(seed or 0)
         self.own: Iterable[str] = () if reach is None else (reach.name,)
         """Names of the rivers that are of no level."""
-        self._kept: OrderedDict[tuple[str, int | None], World] = OrderedDict()
+        self._kept: OrderedDict[tuple[str, int], World] = OrderedDict()
+        self._usual_seeds: dict[str, int] = {}
+        """Seeds of rivers that were asked for without one."""
         self._lock = Lock()
 
     def check(self, name: str) -> None:
@@ -36,13 +38,17 @@ class Rivers:
         """Return a river; the errors are those of `check` and of the river's making."""
         self.check(name)
         with self._lock:
-            key = name, seed
-            if key not in self._kept:
-                self._kept[key] = self._builder(name)(seed)
-                while len(self._kept) > KEPT:
-                    self._kept.popitem(last=False)
-            self._kept.move_to_end(key)
-            return self._kept[key]
+            chosen = self._usual_seeds.get(name) if seed is None else seed
+            if chosen is None or (name, chosen) not in self._kept:
+                world = self._builder(name)(seed)
+                if seed is None:
+                    self._usual_seeds[name] = world.seed
+                chosen = world.seed
+                self._kept[name, chosen] = world
+            self._kept.move_to_end((name, chosen))
+            while len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+            return self._kept[name, chosen]
 
     def _builder(self, name: str) -> Callable[[int | None], World]:
         """Return what builds a river; that of a level may have other banks, such as Medium+meadow."""

@@ -233,7 +233,8 @@ function fill(select, names) {
 
 function setForm(options) {
   form.elements.vehicle.value = options.vehicle;
-  fill(form.elements.level, choices.levels[options.vehicle]);
+  const levels = choices.levels[options.vehicle];
+  fill(form.elements.level, levels.includes(options.level) ? levels : [...levels, options.level]);
   if (![...form.elements.size_px.options].some((option) => Number(option.value) === options.size_px)) {
     form.elements.size_px.add(new Option(`${options.size_px} px`, options.size_px));
   }

@@ -6,6 +6,7 @@ owner points to 127.0.0.1 (DNS rebinding), which `Host` tells, or by a socket fr
 
 import secrets
 from collections.abc import Iterable
+from ipaddress import ip_address
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
@@ -39,7 +40,7 @@ class Guard:
 
     def __init__(self, app: ASGIApp, token: str, hosts: Iterable[str] = LOOPBACK) -> None:
         """`hosts`: names under which the server may be asked."""
-        self._app, self._token, self._hosts = app, token, tuple(hosts)
+        self._app, self._token, self._hosts = app, token, tuple(map(as_browsers_write, hosts))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket") or (refusal := self.refusal(scope)) is None:
@@ -68,6 +69,14 @@ class Guard:
 def name_of(host: str) -> str:
     """Return the name in a `Host` header, without the port and brackets; empty if there is none."""
     try:
-        return urlsplit(f"//{host}").hostname or ""
+        return as_browsers_write(urlsplit(f"//{host}").hostname or "")
     except ValueError:
         return ""
+
+
+def as_browsers_write(name: str) -> str:
+    """Return a name or address as browsers write it: in small letters, and an address in its shortest form."""
+    try:
+        return ip_address(name).compressed
+    except ValueError:
+        return name.lower()

@@ -155,12 +155,16 @@ class Tab:
                 await self._tell_pace()
             case messages.Step(action=None):
                 self._pace.stand()
+                before = len(cockpit.saved)
                 await self._in_thread(cockpit.advance, 1)
                 await self._tell_pace()
+                await self._tell_saved(before)
             case messages.Step():
                 self._pace.stand()
+                before = len(cockpit.saved)
                 await self._in_thread(cockpit.step_by_hand, message.action)
                 await self._tell_pace()
+                await self._tell_saved(before)
             case messages.Run():
                 self._run(message)
                 await self._tell_pace()
@@ -211,14 +215,19 @@ class Tab:
             if not await self._in_thread(cockpit.advance, due):
                 self._pace.stand()
                 await self._tell_pace()
-            if len(cockpit.saved) > before:
-                await self._tell("saved", name=cockpit.saved[-1], folder=str(cockpit.folder.path))
-                await self._tell_flights()
+            await self._tell_saved(before)
             if cockpit.pilot != pilot:
                 await self._tell("busy", message=f"the recorded flight is over; {cockpit.pilot} flies")
             self._changed = True
         if self._pace.moving or self._changed:
             await self._send_frame()
+
+    async def _tell_saved(self, before: int) -> None:
+        """Tell of a flight that was saved as it ended, if there are more than so many."""
+        cockpit = self._cockpit
+        if len(cockpit.saved) > before:
+            await self._tell("saved", name=cockpit.saved[-1], folder=str(cockpit.folder.path))
+            await self._tell_flights()
 
     async def _send_frame(self) -> None:
         """Draw and send a frame: the length of a header, the header as JSON, and the pictures one after another."""

@@ -228,7 +228,9 @@ def page_table(rows: Sequence[dict[str, str]]) -> str:
 
 def packaged_table(rows: Sequence[dict[str, str]]) -> str:
     """Return the table of the packaged policies, which are the students of seed 0: of each kind of flights on each
-    level the mean return with its standard error over flights, and the share of flights that end in a violation."""
+    level the mean return with its standard error over flights, and the share of flights that end in a violation. Of
+    several rows that of the longest training and of the most episodes counts."""
+    rows = sorted(rows, key=lambda row: (int(row["steps"]), int(row["episodes"])))
     found = {
         (row["policy"], row["kind"], row["level"]): f"{float(row['return']):.2f} ± {float(row['return_error']):.2f},"
         f" {100 * float(row['violations']):.1f} %"

@@ -55,8 +55,10 @@ def failure(case: Case, seed: int, error: BaseException) -> dict[str, str]:
 
 
 def remaining(planned: Sequence[tuple[Case, int]], rows: Table) -> list[tuple[Case, int]]:
-    """Return the runs that have no row yet, or that failed."""
-    done = {name for name, row in rows.items() if not row["error"]}
+    """Return the runs that have no row of today's versions yet, or that failed."""
+    done = {
+        name for name, row in rows.items() if not row["error"] and row_versions(row["algorithm"]).items() <= row.items()
+    }
     return [(case, seed) for case, seed in planned if key(case, seed) not in done]
 
 

@@ -52,7 +52,7 @@ def rows_of(path: Path, columns: tuple[str, ...]) -> Rows:
 
 
 def row_of(algorithm: str, processor: str, metrics: Rows) -> dict[str, str]:
-    """Return the row of a finished run: its seconds by stage, and its final return and cost."""
+    """Return the row of a finished run of today's version: its seconds by stage, and its final return and cost."""
     made_with = {"version": str(versions.ALGORITHMS[algorithm]), "processor": processor}
     spent = {stage: f"{sum(float(row[f'time_{stage}']) for row in metrics):.1f}" for stage in STAGES}
     last = metrics[-1]
@@ -99,6 +99,11 @@ def measure(algorithm: str, folder: Path) -> None:
     RiverTraining("Medium", NUM_ENVS).train(
         algorithm, load_compatible_encoder(None), steps=STEPS, seed=SEED, folder=folder
     )
+    made_with = (read_config(folder) or {}).get("made_with", {}).get(algorithm)
+    if made_with != versions.ALGORITHMS[algorithm]:
+        raise SystemExit(
+            f"{folder} holds a run of {algorithm} {made_with}, not {versions.ALGORITHMS[algorithm]}: remove it"
+        )
     metrics = read_csv(folder / "metrics.csv", ("steps", "seconds", *CURVE[2:]))
     replace_rows(CURVES, CURVE, algorithm, curve_of(algorithm, metrics))
     replace_rows(TABLE, COLUMNS, algorithm, [row_of(algorithm, processor_of(folder), metrics)])

@@ -13,6 +13,7 @@ from page_sections import replace_section
 
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.report.table import frame, markdown
+from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.physics.wind import Wind
@@ -22,7 +23,14 @@ from thalweg.world import load_or_build
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "weather.md"
 TABLE = HERE / "weather.csv"
-COLUMNS = ("dynamics", "wind_m_per_s", "pilot", "episodes", "return", "successes")
+VERSIONS = {
+    "steady": versions.STEADY,
+    "rules": versions.RULES,
+    "forces": versions.FORCES,
+    "world": versions.WORLD,
+}
+"""Versions that the flights depend on, by their columns."""
+COLUMNS = ("dynamics", "wind_m_per_s", "pilot", "episodes", *VERSIONS, "return", "successes")
 SPEEDS = (0.0, 2.0, 4.0, 6.0)
 
 
@@ -47,16 +55,17 @@ def measured(episodes: int) -> list[tuple[Any, ...]]:
         for speed in SPEEDS:
             wind = Wind(speed_m_per_s=(speed, speed)) if speed else None
             config = EnvConfig(observation="none").with_options(dynamics=dynamics, action=action, wind=wind)
-            for pilot in PILOTS:
+            for pilot in PILOTS["uav"]:
                 mean, successes = flown(config, pilot, episodes)
-                rows.append((dynamics, speed, pilot, episodes, mean, successes))
+                rows.append((dynamics, speed, pilot, episodes, *VERSIONS.values(), f"{mean:.3f}", successes))
                 print(rows[-1], flush=True)
     return rows
 
 
 def table(rows: list[dict[str, str]]) -> str:
-    """Return the table of the page."""
+    """Return the table of the page, of rows of today's versions alone."""
     names = "dynamics", "mean wind", "pilot", "return", "successes"
+    rows = [row for row in rows if all(row[name] == str(version) for name, version in VERSIONS.items())]
     lines = [
         (row["dynamics"], f"{float(row['wind_m_per_s']):.0f} m/s", row["pilot"], f"{float(row['return']):.2f}",
          f"{row['successes']} of {row['episodes']}")

@@ -211,6 +211,7 @@ def test_the_table_of_the_packaged_policies_has_seed_0_of_todays_versions(script
     levels = ("Easy", "Medium", "Hard")
     rows = [row(policy, "unseen", level) for policy in ("rgb+mask", "rgb") for level in levels]
     rows += [row("rgb", "unseen", "Easy", seed=1) | {"return": "0.000"}, rows[0] | {"render": "0", "return": "0.000"}]
+    rows += [rows[1] | {"steps": "8", "return": "0.000"}, rows[2] | {"episodes": "3", "return": "0.000"}]
     lines = [" ".join(line.split()) for line in script.packaged_table(rows).splitlines()[2:]]
     cells = " | ".join(["9.00 ± 1.00, 25.0 %"] * 3)
     assert lines == [f"| packaged | unseen rivers | {cells} |", f"| packaged-rgb | unseen rivers | {cells} |"]

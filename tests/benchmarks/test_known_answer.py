@@ -101,6 +101,8 @@ def test_a_run_that_failed_is_a_row_and_does_not_count_as_finished(
     assert found[script.key(CELL, 1)]["error"] == "ValueError: seed 1 is broken"
     assert list(script.remaining([(CELL, 0), (CELL, 1), (CELL, 2)], found)) == [(CELL, 1), (CELL, 2)]
     assert "**95%, 0.100 (1/2)**" in script.page(found, 2)
+    found[script.key(CELL, 0)]["algorithm_version"] = "0"
+    assert list(script.remaining([(CELL, 0)], found)) == [(CELL, 0)]
 
 
 def test_rows_are_compared_with_the_current_optimum(

@@ -70,6 +70,18 @@ def test_the_table_has_minutes_and_shares(pace: ModuleType, tmp_path: Path, monk
     assert "| PPO | unknown | 0 |" in pace.table()
 
 
+def test_a_finished_run_of_another_version_gives_no_row(
+    pace: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(pace, "TABLE", tmp_path / "pace.csv")
+    monkeypatch.setattr(pace, "load_compatible_encoder", lambda _: None)
+    monkeypatch.setattr(pace.RiverTraining, "train", lambda *_, **__: None)
+    monkeypatch.setattr(pace, "read_config", lambda _: {"made_with": {"PPO": 0}})
+    with pytest.raises(SystemExit, match=f"holds a run of PPO 0, not {versions.ALGORITHMS['PPO']}: remove it"):
+        pace.measure("PPO", tmp_path / "run")
+    assert not pace.TABLE.exists()
+
+
 def test_an_algorithm_of_another_version_has_no_row(pace: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(pace, "TABLE", tmp_path / "pace.csv")
     row = pace.row_of("PPO", "fast", metrics())

@@ -20,8 +20,9 @@ import argparse
 import csv
 import hashlib
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -53,8 +54,10 @@ CHOOSING_RIVERS, CHOOSING_UNSEEN, CHOOSING_SEEDS = range(4000, 4016), range(5000
 NUM_ENVS, FLIGHTS, EVALUATION_SEED = 16, 60, 77
 RULES = EnvConfig(observation="privileged")
 KEY = ("algorithm", "changes", "level", "rivers", "steps", "seed", "config", "privileged")
-"""Columns that identify a trial. `config` is a hash of all settings, so that other defaults make another trial;
+"""Columns that identify a trial. `config` is a hash, see `Trial.config`, so that other defaults make another trial;
 `privileged` is the version of what the ideal eye sees."""
+BEFORE = f"before deadlines {versions.DEADLINES}"
+"""Mark of trials whose critics of costs estimated what would come after the last step that counts."""
 
 PLACES = ("medium", "unseen_medium", "unseen_hard")
 """Where policies are flown; columns are named by them."""
@@ -97,8 +100,10 @@ class Trial:
 
     @property
     def config(self) -> str:
-        """Hash of all settings."""
-        return settings_hash(self.resolved)
+        """Hash of all settings, and of the version of deadlines where critics of costs are told more than the policy
+        sees."""
+        told = self.resolved.get("asymmetric_critics", False) and "cost_limit" in self.resolved
+        return settings_hash(self.resolved | ({"deadlines": versions.DEADLINES} if told else {}))
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -184,11 +189,29 @@ def append(table: Path, row: Mapping[str, str]) -> None:
         writer.writerow(row)
 
 
-def is_current(row: Mapping[str, str]) -> bool:
-    """Return whether a row's trial has today's defaults beside its changes, and today's ideal eye."""
+def trial_of(row: Mapping[str, str]) -> Trial:
+    """Return the trial of a row, with today's defaults beside its changes."""
     changes = () if row["changes"] == "none" else row["changes"].split(" ")
-    trial = Trial(row["algorithm"], settings_from(changes), int(row["steps"]), int(row["seed"]))
-    return (row["config"], row["privileged"]) == (trial.config, str(versions.PRIVILEGED))
+    return Trial(row["algorithm"], settings_from(changes), int(row["steps"]), int(row["seed"]))
+
+
+def is_current(row: Mapping[str, str]) -> bool:
+    """Return whether a row's trial has today's defaults beside its changes, and today's ideal eye and deadlines."""
+    return (row["config"], row["privileged"]) == (trial_of(row).config, str(versions.PRIVILEGED))
+
+
+def is_before_deadlines(row: Mapping[str, str]) -> bool:
+    """Return whether a row lacks today's version of deadlines, on which its trial depends, and nothing else."""
+    plain = settings_hash(trial_of(row).resolved)
+    return not is_current(row) and (row["config"], row["privileged"]) == (plain, str(versions.PRIVILEGED))
+
+
+def shown_rows(rows: Iterable[Mapping[str, str]]) -> list[Mapping[str, str]]:
+    """Return the rows of today, and those from before deadlines for which there are none, in their order."""
+    rows = list(rows)
+    same = itemgetter("algorithm", "changes", "level", "rivers", "steps", "seed")
+    today = {same(row) for row in rows if is_current(row)}
+    return [row for row in rows if is_current(row) or (same(row) not in today and is_before_deadlines(row))]
 
 
 def means(rows: Sequence[Mapping[str, str]], place: str) -> str:
@@ -200,10 +223,12 @@ def trial_table(rows: Sequence[Mapping[str, str]]) -> str:
     """Return the Markdown table of trials, a line for all seeds of a trial."""
     groups: dict[tuple[str, ...], list[Mapping[str, str]]] = {}
     for row in rows:
-        groups.setdefault((row["changes"], row["level"], row["rivers"], row["steps"]), []).append(row)
+        older = BEFORE if is_before_deadlines(row) else ""
+        groups.setdefault((row["changes"], row["level"], row["rivers"], row["steps"], older), []).append(row)
     lines = []
-    for (changes, level, rivers, steps), seeds in groups.items():
+    for (changes, level, rivers, steps, older), seeds in groups.items():
         settings = " ".join(f"`{change}`" if "=" in change else change for change in changes.split(" "))
+        settings += f" ({older})" if older else ""
         trained = f"{level} {rivers}, {int(steps):,}"
         lines.append([settings, trained, str(len(seeds)), *(means(seeds, place) for place in PLACES)])
     return markdown(
@@ -228,7 +253,7 @@ def page_section(rows: Sequence[Mapping[str, str]], algorithm: str) -> str:
 
 def written_pages() -> dict[Path, str]:
     """Return the pages of algorithms that show their trials, as they must be."""
-    rows = [row for row in read_csv(TABLE, KEY) if is_current(row)]
+    rows = shown_rows(read_csv(TABLE, KEY))
     found = {}
     for algorithm in ALGORITHMS:
         path = PAGES / f"{algorithm.lower()}.md"

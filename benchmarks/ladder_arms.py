@@ -111,6 +111,12 @@ class Arm:
         return {**self.settings, "varied_looks": self.looks == VARIED}
 
     @property
+    def tells_cost_critics(self) -> bool:
+        """Whether it has critics of costs, and these are told more than the policy sees."""
+        told = self.sees_images or self.resolved.get("asymmetric_critics", False)
+        return not self.is_student and told and "cost_limit" in self.resolved
+
+    @property
     def training_versions(self) -> dict[str, int]:
         """Versions that its policy depends on."""
         if self.is_student:
@@ -119,6 +125,8 @@ class Arm:
             learner = {self.algorithm: versions.ALGORITHMS[self.algorithm], "training": versions.TRAINING}
             if self.sees_images or self.resolved.get("asymmetric_critics", False):
                 learner["privileged"] = versions.PRIVILEGED
+            if self.tells_cost_critics:
+                learner["deadlines"] = versions.DEADLINES
         return learner | {"render": versions.RENDER, "rules": versions.RULES, "world": versions.WORLD}
 
     @property

@@ -11,6 +11,7 @@ again. Settings are compared on a river and with seeds of their own, which the r
 
 import argparse
 import fnmatch
+import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -26,6 +27,7 @@ from river_flights import mean_return
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.report.policies import CRITICS_SEE
 from thalweg.bench.report.table import frame, markdown
+from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.train.observations import SEEN_BY_CRITICS
 from thalweg.world import level_named
@@ -41,6 +43,12 @@ REPORTED, CHOOSING = level_named(LEVEL).default_seed, 4000
 """Seeds of the river of reported checks, the fixed one of the level, and of that where settings are compared."""
 SEEDS = {REPORTED: (0, 1, 2), CHOOSING: (10, 11, 12)}
 """Seeds of the runs on each river."""
+
+
+DEADLINES = re.compile(r" deadlines=\d+")
+"""The version of deadlines among those of a row."""
+BEFORE = f"before deadlines {versions.DEADLINES}"
+"""Mark of runs whose critics of costs estimated what would come after the last step that counts."""
 
 
 @dataclass(frozen=True)
@@ -95,15 +103,20 @@ def checks() -> list[Arm]:
 
 
 def current_rows(rows: Iterable[Mapping[str, str]]) -> list[Mapping[str, str]]:
-    """Return the rows of today's checks, versions and settings, in the order of the checks."""
+    """Return the rows of today's checks, versions and settings, in the order of the checks.
+
+    A row from before the version of deadlines stands in for one of today's, until there is that.
+    """
     found = {tuple(row[name] for name in CELL_KEY): row for row in rows}
     keys = [cell.key for arm in checks() for cell in arm.cells(EPISODES, FLIGHTS)]
-    return [found[key] for key in keys if key in found]
+    kept = (found.get(key) or found.get(tuple(DEADLINES.sub("", value) for value in key)) for key in keys)
+    return [row for row in kept if row is not None]
 
 
 def table(rows: Iterable[Mapping[str, str]]) -> str:
     """Return the table of the page: a line for all runs of a check."""
     told = {arm.name: arm.resolved.get("asymmetric_critics", False) for arm in checks()}
+    needs_deadlines = {arm.name for arm in checks() if arm.tells_cost_critics}
     shown = {check.name: check.shown for check in CHECKED}
     groups: dict[tuple[str, str], list[Mapping[str, str]]] = {}
     for row in rows:
@@ -113,7 +126,18 @@ def table(rows: Iterable[Mapping[str, str]]) -> str:
         each = ", ".join(f"{float(row['return']):.2f}" for row in runs)
         cost = f"{np.mean([float(row['cost']) for row in runs]):.3f}"
         critics = SEEN_BY_CRITICS[told[name]]
-        lines.append([shown[name], critics, river, str(len(runs)), str(mean_return(runs)), each, cost])
+        older = name in needs_deadlines and not all(DEADLINES.search(row["versions"]) for row in runs)
+        lines.append(
+            [
+                f"{shown[name]} ({BEFORE})" if older else shown[name],
+                critics,
+                river,
+                str(len(runs)),
+                str(mean_return(runs)),
+                each,
+                cost,
+            ]
+        )
     header = ["algorithm", CRITICS_SEE, f"river of {LEVEL}", "seeds", "return", "return by seed", "cost"]
     return markdown(frame(header, lines))
 

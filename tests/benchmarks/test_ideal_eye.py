@@ -119,3 +119,18 @@ def test_a_page_has_the_defaults_and_then_what_was_tried(script: ModuleType):
     assert "| none | Medium 1000:1016, 1,000 | 2 | 2.50 / 2.50 |" in first and "4000" not in first
     assert "| `entropy=0.5` | Medium 4000:4016, 1,000 | 1 | 13.00 / 13.00 |" in second and "none" not in second
     assert script.page_section(rows, "CUP") == "No trial of today's versions yet.\n"
+
+
+def test_rows_from_before_deadlines_stand_in_for_those_of_today_and_say_so(script: ModuleType):
+    told = script.Trial("CPO", {"asymmetric_critics": True}, 1000, 10, rivers=script.CHOOSING_RIVERS)
+    today = dict(zip(script.KEY, told.key, strict=True)) | {
+        f"{place}_{what}": "2.0" for place in script.PLACES for what in ("return", "cost")
+    }
+    older = today | {"config": script.settings_hash(told.resolved)}
+    assert older["config"] != today["config"]
+    assert script.shown_rows([older]) == [older] and script.shown_rows([older, today]) == [today]
+    assert script.shown_rows([older | {"config": "00000000"}]) == []
+    assert "| `asymmetric_critics=True` (before deadlines 1) | " in script.page_section([older], "CPO")
+    assert "| `asymmetric_critics=True` | " in script.page_section([today], "CPO")
+    plain = script.Trial("PPO", {"asymmetric_critics": True}, 1000, 10)  # which has no critics of costs
+    assert plain.config == script.settings_hash(plain.resolved)

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from thalweg.bench.csv_files import read_csv
+from thalweg.core import versions
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SCRIPTS = ("any_river", "ladder_arms", "ladder_page", "ladder", "river_flights", "through_frames")
@@ -56,6 +57,11 @@ def test_the_table_has_the_rows_of_today_and_an_interval_over_three_seeds(script
     assert f"| PPO | {told} | 1 | 3 | 8.00 [5.52, 10.00] | 7.00, 8.00, 9.00 | 0.010 |" in page
     assert f"| PPOLag, `asymmetric_critics=True` | {told} | 4000 | 1 | 6.50 | 6.50 | 0.010 |" in page
     assert "old" not in page and page.startswith("before") and page.endswith("after")
+    before = rows[-1] | {"versions": rows[-1]["versions"].replace(f" deadlines={versions.DEADLINES}", "")}
+    assert before["versions"] != rows[-1]["versions"]
+    page = " ".join(script.written_page(MARKS, [before]).split())
+    assert f"| PPOLag, `asymmetric_critics=True` (before deadlines 1) | {told} | 4000 | 1 | 6.50 |" in page
+    assert "(before" not in script.written_page(MARKS, [before | {"return": "1.000"}, rows[-1]])
     assert "Nothing was measured with today's versions." in script.written_page(MARKS, [outdated])
 
 

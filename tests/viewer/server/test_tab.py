@@ -61,13 +61,17 @@ def test_a_saved_flight_is_replayed_on_the_page(server: Server):
 
 
 def test_a_flight_that_a_single_step_ends_is_told_of_when_it_is_saved(server: Server):
+    heard = []
     with server.flying() as page:
         page.say("record", on=True)
         for step in range(1, 60):  # to the left, until the bank ends the flight
             page.say("step", action=(0, 0, 0, 1))
-            if page.at_step(step)["ended"]:
+            while (told := page.hear())["type"] != "frame" or told["step"] < step:
+                heard.append(told)
+            if told["ended"]:
                 break
-        assert page.until("saved")["name"] in page.until("flights")["names"]
+    (saved,) = [told["name"] for told in heard if told["type"] == "saved"]
+    assert [told["names"] for told in heard if told["type"] == "flights"][-1] == [saved]
 
 
 def test_a_flight_goes_on_by_itself_until_it_is_paused(server: Server):

@@ -22,6 +22,7 @@ let drawnAt = 0; // when map, chart and numbers were drawn last
 let tries = 0; // since the connection broke
 let lost = null; // options of the flight that was lost with it, and who flew
 let flies = null; // who flies, once that is known
+let asked = null; // who shall fly, until a frame shows it
 let complaint = ""; // of the next flight
 
 const say = (type, about = {}) => {
@@ -41,7 +42,7 @@ function connect() {
 function closed({ code, reason }) {
   $("where").textContent = "not connected";
   enable(false);
-  lost ??= flight && { options: flight.options, pilot: flies };
+  lost ??= flight && { options: flight.options, pilot: asked ?? flies };
   // A server may count this page's broken connection among its tabs until it notices, so a full one is tried again.
   const full = code === TRY_LATER && (!tries || tries === TRIES);
   if (code === VIOLATION || full) return notice("The connection is closed", reason);
@@ -114,6 +115,7 @@ const HEARD = {
   record({ on }) { $("record").checked = on; },
   error({ message }) {
     stepping = false;
+    asked = null;
     if (lost) return again(); // the server's first flight cannot start, but the lost one did
     complain(message);
     notice();
@@ -155,6 +157,7 @@ async function show(data) {
   if (!latest && !told.moving && !told.ended) notice("Ready: Space flies", "W forward, A D turn, ↑ ↓ climb and descend, Q E sideways");
   latest = told;
   flies = told.flies;
+  if (asked === flies) asked = null;
   stepping = false;
   countFrame();
   if (performance.now() - drawnAt > NUMBERS_MS || !told.moving) {
@@ -273,7 +276,7 @@ const run = (moving) => say("run", { paused: !moving, speed: speed() });
 
 function control(name) {
   if (name !== "hand") lastPilot = name;
-  flies = name;
+  flies = asked = name;
   say("control", { pilot: name });
 }
 

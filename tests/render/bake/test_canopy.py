@@ -9,7 +9,7 @@ from tests.render.frames import ARCH
 from tests.render.plain import CELL_M, HALF_M, plane, plants_at
 from thalweg.render.bake import canopy, impostors, scene_tables
 from thalweg.render.records import layout
-from thalweg.world.light.bake import relit
+from thalweg.world.light.bake import bake
 from thalweg.world.species import KINDS
 
 OAK = next(k for k, kind in enumerate(KINDS) if kind.species == "oak")
@@ -24,6 +24,14 @@ def baked(world):
     colour = np.stack([paint >> shift & 255 for shift in (0, 8, 16)], axis=-1) / 255.0
     metres = lambda code: (code / 255.0) ** 2 * layout.CANOPY_RANGE_M  # noqa: E731
     return metres(four), colour**2 * layout.PAINT_RANGE, metres(paint >> 24)
+
+
+def lit(world):
+    """A world with the light and the height of its canopy that its plants and bridges ask for."""
+    seen = world.grid, world.ground_m, world.water_m, world.plants, world.bridges
+    light = bake(*seen, world.sun_azimuth, world.sun_elevation)
+    plants = replace(world.plants, light=light.plant_light)
+    return replace(world, sun=light.sun, sky=light.sky, canopy_m=light.canopy_m, plants=plants)
 
 
 def cell(x, y):
@@ -49,7 +57,7 @@ def test_a_crown_has_its_height_shape_and_colour():
     trees = plants_at([(4.0, 3.0), (-14.0, -6.0)], kind=OAK, height=9.0, width=6.0)
     red = replace(trees, tint=np.array([[4.0, 1.0, 1.0], [1.0, 1.0, 1.0]], np.float32))
     world = plane(water_level=-1.0, plants=red)
-    world = relit(world, world.sun_azimuth, world.sun_elevation)
+    world = lit(world)
     heights, colour, tall = baked(world)
     middle, beside, clear = cell(4.0, 3.0), cell(6.5, 3.0), cell(9.0, 3.0)
     assert 10.0 - canopy.RAGGED_M - 0.2 < heights[middle][0] < 10.2
@@ -75,7 +83,7 @@ def test_of_two_crowns_the_higher_one_owns_a_cell():
 
 def test_a_bridge_is_mirrored_as_stone():
     world = plane(water_level=1.0, bridges=ARCH)
-    world = relit(world, world.sun_azimuth, world.sun_elevation)
+    world = lit(world)
     heights, colour, _ = baked(world)
     np.testing.assert_allclose(colour[cell(0.3, 0.3)], canopy.STONE_RADIANCE, rtol=0.03)
     assert heights[cell(0.3, 0.3)][0] == pytest.approx(1.2, abs=0.35)

@@ -39,12 +39,39 @@ class BakedLight:
 
     sun: np.ndarray
     """[GY, GX] uint8."""
+    plant_light: np.ndarray
+    """[M, 2] float32."""
     sky: np.ndarray
     """[GY, GX] uint8."""
     canopy_m: np.ndarray
     """[GY, GX] float32."""
-    plant_light: np.ndarray
-    """[M, 2] float32."""
+
+
+@dataclass(frozen=True)
+class _Valley:
+    """What light falls on, as the kernels take it."""
+
+    grid: Grid
+    surface: np.ndarray
+    """[GY, GX] float32, metres: the upper surface, water or ground."""
+    frame: np.ndarray
+    """[3] float32, metres: origin x, origin y and cell of the grid."""
+    spans: np.ndarray
+    """[B, 11] float64, as in the record: the march through a bridge's stone is computed in double precision."""
+    table: np.ndarray
+    """`plant_table` of the plants."""
+
+    @classmethod
+    def of(
+        cls, grid: Grid, ground_m: np.ndarray, water_m: np.ndarray, plants: Plants, bridges: np.ndarray
+    ) -> "_Valley":
+        return cls(
+            grid,
+            np.maximum(ground_m, water_m).astype(np.float32),
+            np.array([grid.origin_x_m, grid.origin_y_m, grid.cell_m], np.float32),
+            np.ascontiguousarray(bridges, dtype=np.float64).reshape(-1, 11),
+            plant_table(plants),
+        )
 
 
 def bake(
@@ -61,15 +88,33 @@ def bake(
     Maps [GY, GX] float32 in metres; bridges [B, 11] as `thalweg.world.record.BRIDGE`; angles in radians. Raises
     `ValueError` for a sun lower than 5 degrees, whose shadows would cross the whole map.
     """
-    if not math.radians(5.0) <= sun_elevation <= 0.5 * math.pi + 1e-9:
-        raise ValueError(f"the sun must stand 5 to 90 degrees high, not {math.degrees(sun_elevation):.1f}")
-    ray = sun_ray(sun_azimuth, sun_elevation)
-    surface = np.maximum(ground_m, water_m).astype(np.float32)
-    frame = np.array([grid.origin_x_m, grid.origin_y_m, grid.cell_m], np.float32)
-    # Float64 as in the record: the march through the stone is computed in double precision.
-    spans = np.ascontiguousarray(bridges, dtype=np.float64).reshape(-1, 11)
-    table, outline, tile = plant_table(plants), outlines(), clump_tile()
+    valley = _Valley.of(grid, ground_m, water_m, plants, bridges)
+    return BakedLight(*_sunlight(valley, sun_azimuth, sun_elevation), *_canopy_and_sky(valley))
 
+
+def relit(world: World, azimuth: float, elevation: float) -> World:
+    """Return the same valley under a sun at these angles in radians, from 5 degrees above the horizon to the zenith.
+
+    Its canopy and the light of its sky stay. Raises `ValueError` for a sun outside that range.
+    """
+    valley = _Valley.of(world.grid, world.ground_m, world.water_m, world.plants, world.bridges)
+    sun, plant_light = _sunlight(valley, azimuth, elevation)
+    return replace(
+        world,
+        sun=sun,
+        plants=replace(world.plants, light=plant_light),
+        sun_azimuth=float(azimuth),
+        sun_elevation=float(elevation),
+    )
+
+
+def _sunlight(valley: _Valley, azimuth: float, elevation: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return what of `BakedLight` depends on the sun: `sun` and `plant_light`; raises `ValueError` as `bake` does."""
+    if not math.radians(5.0) <= elevation <= 0.5 * math.pi + 1e-9:
+        raise ValueError(f"the sun must stand 5 to 90 degrees high, not {math.degrees(elevation):.1f}")
+    ray = sun_ray(azimuth, elevation)
+    grid, surface, frame, spans, table = valley.grid, valley.surface, valley.frame, valley.spans, valley.table
+    outline, tile = outlines(), clump_tile()
     boxes = _shadow_boxes(grid, surface, table, ray)
     depth = np.zeros(surface.shape, np.float32)
     shadows = table, boxes, *_row_bands(boxes, len(surface))
@@ -78,35 +123,18 @@ def bake(
     )
     sun = terrain_sun(surface, frame[2], ray) * np.exp(-depth)
     run_in_threads(len(sun), partial(shade_bridges, sun, surface, frame, spans, ray))
+    return _as_byte(sun), _plant_light(surface, frame, table, spans, ray, outline, tile)
 
-    # The canopy needs the boxes of the crowns alone, without their shadows.
+
+def _canopy_and_sky(valley: _Valley) -> tuple[np.ndarray, np.ndarray]:
+    """Return what of `BakedLight` is the same under any sun: `sky` and `canopy_m`."""
+    grid, surface, table = valley.grid, valley.surface, valley.table
+    # The boxes of the crowns alone, without their shadows.
     boxes = _shadow_boxes(grid, surface, table, None)
     crowns = table, boxes, *_row_bands(boxes, len(surface))
-    canopy, tall, cover = crown_roof(surface, frame, crowns, outline, roofs(), tile)
-    raise_bridges(canopy, tall, cover, grid, spans)
-    return BakedLight(
-        sun=_as_byte(sun),
-        sky=_as_byte(sky_share(surface, tall, cover, grid.cell_m)),
-        canopy_m=canopy,
-        plant_light=_plant_light(surface, frame, table, spans, ray, outline, tile),
-    )
-
-
-def relit(world: World, azimuth: float, elevation: float) -> World:
-    """Return the same valley under a sun at these angles in radians, from 5 degrees above the horizon to the zenith.
-
-    This takes about as long as the light of a new world. Raises `ValueError` for a sun outside that range.
-    """
-    baked = bake(world.grid, world.ground_m, world.water_m, world.plants, world.bridges, azimuth, elevation)
-    return replace(
-        world,
-        sun=baked.sun,
-        sky=baked.sky,
-        canopy_m=baked.canopy_m,
-        plants=replace(world.plants, light=baked.plant_light),
-        sun_azimuth=float(azimuth),
-        sun_elevation=float(elevation),
-    )
+    canopy, tall, cover = crown_roof(surface, valley.frame, crowns, outlines(), roofs(), clump_tile())
+    raise_bridges(canopy, tall, cover, grid, valley.spans)
+    return _as_byte(sky_share(surface, tall, cover, grid.cell_m)), canopy
 
 
 def sun_ray(azimuth: float, elevation: float) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Fuzzing of every file that is read: each mutated file gives a clear error or a right answer.
 
-    python benchmarks/reliability/fuzz.py                                 # 100 pieces of 1,000 files of each kind
+    python benchmarks/reliability/fuzz.py                                 # all, in pieces of 1,000 files of a kind
     python benchmarks/reliability/fuzz.py --kinds world policy --pieces 2
     python benchmarks/reliability/fuzz.py --minutes 25                    # begins no piece later than that
     python benchmarks/reliability/fuzz.py --only world 3 517              # one file again, with its traceback
@@ -32,8 +32,8 @@ from pieces import Clock, Pieces
 
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "fuzz.csv"
-PIECES, FILES = 100, 1000
-"""Pieces of each kind, and files of each piece."""
+FILES = 1000
+"""Files of each piece."""
 LONGEST_S, MOST_BYTES, LONGEST_MESSAGE = 10, 2_000_000_000, 100_000
 KEY = ("kind", "piece", "files")
 
@@ -151,7 +151,7 @@ def bound_memory() -> None:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kinds", nargs="+", choices=[*KINDS], default=[*KINDS])
-    parser.add_argument("--pieces", type=int, default=PIECES, help="pieces of each kind")
+    parser.add_argument("--pieces", type=int, help="most pieces of each kind")
     parser.add_argument("--minutes", type=float, help="begin no piece later than so many minutes after the start")
     parser.add_argument("--files", type=int, default=FILES, help="files of each piece")
     parser.add_argument("--out", type=Path, default=TABLE)
@@ -163,10 +163,15 @@ def main() -> int:
     if given.only:
         again(given.only[0], int(given.only[1]), int(given.only[2]))
         return 0
-    pieces, files = (1, 20) if given.smoke else (given.pieces, given.files)
+    files = 20 if given.smoke else given.files
+    whole = {name: KINDS[name].wanted // FILES for name in given.kinds}
+    asked = 1 if given.smoke else given.pieces
+    most = whole if asked is None else dict.fromkeys(whole, asked)
     table, clock, failed = Pieces(given.out, KEY), Clock(given.minutes), 0
-    for piece in range(pieces):
+    for piece in range(max(most.values())):
         for name in given.kinds:
+            if piece >= most[name]:
+                continue
             row = None if given.smoke else table.row(name, piece, files)
             if row is not None and row["failed"] == "0":
                 continue

@@ -28,6 +28,8 @@ class Kind:
     read: Callable[[Path], Any]
     errors: tuple[type[Exception], ...]
     """The project's own errors that a bad file may raise."""
+    wanted: int = 100_000
+    """Files that the whole has; a multiple of a thousand."""
 
 
 def check_sound(value: Any, where: str = "it") -> None:

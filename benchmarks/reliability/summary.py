@@ -26,8 +26,8 @@ NOTHING = "Nothing yet.\n"
 FUZZED = ("kind", "piece", "files", "read", "refused", "failed")
 SOAKED = ("piece", "rivers", "amount", "faults")
 KILLED = ("command", "trial", "kill", "finished", "faults")
-WANTED_FILES, WANTED_STEPS, WANTED_FRAMES, WANTED_KILLS = 100_000, 100_000_000, 1_000_000, 50
-"""Files of each kind, steps, frames, and kills of each command that the whole has."""
+WANTED_STEPS, WANTED_FRAMES, WANTED_KILLS = 100_000_000, 1_000_000, 50
+"""Steps, frames, and kills of each command that the whole has; of files, see `Kind.wanted`."""
 
 
 def rows_of(folder: Path, name: str, columns: Sequence[str]) -> list[dict[str, str]]:
@@ -43,10 +43,10 @@ def fuzzed(rows: Sequence[dict[str, str]]) -> str:
     lines = []
     for ending, names in sorted(endings.items()):
         own = [row for row in rows if row["kind"] in names]
-        files = {name: sum(int(row["files"]) for row in own if row["kind"] == name) for name in names}
-        sums = [sum(int(row[column]) for row in own) for column in ("read", "refused", "failed")]
-        lines.append([ending, str(len(names)), f"{min(files.values()):,}", *(f"{each:,}" for each in sums)])
-    header = ["files", "kinds", f"of each kind, of {WANTED_FILES:,}", "read", "refused", "failed"]
+        files, *sums = (sum(int(row[column]) for row in own) for column in ("files", "read", "refused", "failed"))
+        so_far = f"{files:,} of {sum(KINDS[name].wanted for name in names):,}"
+        lines.append([ending, str(len(names)), so_far, *(f"{each:,}" for each in sums)])
+    header = ["files", "kinds", "so far", "read", "refused", "failed"]
     return markdown(frame(header, lines)) if rows else NOTHING
 
 

@@ -95,3 +95,23 @@ def test_a_finished_piece_is_skipped_and_one_with_failures_is_run_again(
     assert lines[0] == "kind,piece,files,read,refused,failed,slowest_s"
     rows = sorted(line.rpartition(",")[0] for line in lines[1:])
     assert rows == ["episodes,0,1000,1000,0,0", "runs,0,1000,1000,0,0"]
+
+
+def test_no_more_files_are_read_than_the_whole_has(fuzz: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    fuzzed: list[tuple[str, int]] = []
+
+    def fuzz_one(name: str, piece: int, files: int, kept: Path | None):
+        fuzzed.append((name, piece))
+        return fuzz.Tally(read=files)
+
+    for name, wanted in (("runs", 3000), ("versions", 1000)):
+        monkeypatch.setitem(fuzz.KINDS, name, replace(fuzz.KINDS[name], wanted=wanted))
+    monkeypatch.setattr(fuzz, "fuzz", fuzz_one)
+    monkeypatch.setattr(fuzz, "bound_memory", lambda: None)
+    monkeypatch.setattr("sys.argv", ["fuzz.py", "--kinds", "versions", "runs", "--out", str(tmp_path / "fuzz.csv")])
+    assert fuzz.main() == 0
+    assert fuzzed == [("versions", 0), ("runs", 0), ("runs", 1), ("runs", 2)]
+
+
+def test_every_kind_asks_for_whole_pieces(fuzz: ModuleType):
+    assert all(kind.wanted > 0 and kind.wanted % fuzz.FILES == 0 for kind in fuzz.KINDS.values())

@@ -71,7 +71,9 @@ def test_tensors_are_ruffled_as_arrays():
 
 @pytest.mark.parametrize("wind", [[1.0, 2.0], [[1.0]], [[np.nan, 0.0]]])
 def test_a_wrong_wind_is_refused(wind: list):
-    with pytest.raises(RenderError, match=r"wind has shape .*; it must be \[1, 2\] in m/s east and north, within ±1000"):
+    with pytest.raises(
+        RenderError, match=r"wind has shape .*; it must be \[1, 2\] in m/s east and north, within ±1000"
+    ):
         Renderer([plane(water_level=0.5)], CAMERA).render(POSES, wind=wind)
 
 

@@ -160,19 +160,21 @@ def table(rows: Iterable[Mapping[str, str]]) -> str:
     for head in IMITATIONS:
         mine = [row for row in rows if row["head"] == head]
         if mine:
-            cells = [(name, 2 if name.startswith("return") else 4) for name in (*RETURNS, *COMMON[1:])]
             shown = {BRANCHES: "one for each branch", JOINT: "over joint moves"}[head]
-            lines.append([shown, str(len(mine)), *(estimate(mine, name, digits) for name, digits in cells)])
+            lines.append([shown, str(len(mine)), *(estimate(mine, name) for name in (*RETURNS, *COMMON[1:]))])
     heading = ["head", "seeds", *(name.replace("_", ", ") for name in RETURNS)]
     return markdown(frame([*heading, *(name.replace("_", "-") for name in COMMON[1:])], lines))
 
 
-def estimate(rows: Sequence[Mapping[str, str]], name: str, digits: int) -> str:
-    """Return the mean of a column with its interval over seeds."""
-    per_seed = np.array([float(row[name]) for row in rows])
+def estimate(rows: Sequence[Mapping[str, str]], name: str) -> str:
+    """Return the mean of a column with its interval over seeds; shares in percent."""
+    is_share = name.startswith("violations") or name == "fatal"
+    digits = 1 if name.startswith("violations") else 2 if is_share or name.startswith("return") else 4
+    per_seed = (100.0 if is_share else 1.0) * np.array([float(row[name]) for row in rows])
     found: Estimate = t_interval(float(per_seed.mean()), per_seed)
+    unit = " %" if is_share else ""
     low = "" if np.isnan(found.low) else f" [{max(found.low, 0.0):.{digits}f}, {found.high:.{digits}f}]"
-    return f"{found.value:.{digits}f}{low}"
+    return f"{found.value:.{digits}f}{unit}{low}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

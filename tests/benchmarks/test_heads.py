@@ -28,7 +28,8 @@ def test_heads_are_trained_alike_and_a_row_names_its_versions(heads: ModuleType)
 def test_the_page_has_a_line_for_each_head(heads: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     rows = []
     for seed, cost in enumerate((0.2, 0.3, 0.4)):
-        values = {"return_Medium": "9.000", "states": "16384", "regret": f"{cost:.4f}"}
+        values = {"return_Medium": "9.000", "states": "16384", "regret": f"{cost:.4f}", "fatal": "0.0004"}
+        values["violations_Hard"] = f"{cost:.4f}"
         trial = heads.Trial(heads.JOINT, seed, heads.STEPS, heads.EPISODES)
         filled = dict.fromkeys((*heads.RETURNS, *heads.COMMON), "0.5000") | values
         rows.append(dict(zip(heads.KEY, trial.key, strict=True)) | filled)
@@ -41,6 +42,7 @@ def test_the_page_has_a_line_for_each_head(heads: ModuleType, monkeypatch: pytes
     written = " ".join(page.read_text().split())
     # The half width of three seeds 0.1 apart is 4.3027 x 0.1 / sqrt(3).
     assert "| over joint moves | 3 | 9.00 [9.00, 9.00] |" in written and "| 0.3000 [0.0516, 0.5484] |" in written
+    assert "| 30.0 % [5.2, 54.8] |" in written and "| 0.04 % [0.04, 0.04] |" in written
     assert "| return, Medium |" in written and "| cross-entropy |" in written
     assert "one for each branch" not in written and written.startswith("before") and written.endswith("after")
     outdated = [row | {"imitation": "0"} for row in rows]

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 from thalweg.core import versions
+from thalweg.core.compute.heap import keep_freed_memory
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.config import to_plain
 from thalweg.core.machine import package_version
@@ -88,6 +89,7 @@ def train_geometry(
         "encoder_version": versions.ENCODER,
         **(identity or {}),
     }
+    keep_freed_memory()
     state = _State(config, lessons.scale, run, device)
     rows = state.resume(folder / CHECKPOINT)
     if progress:

@@ -22,6 +22,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
+from thalweg.core.compute.heap import keep_freed_memory
 from thalweg.core.config import to_plain
 from thalweg.core.machine import package_version
 from thalweg.core.notices import notice
@@ -115,6 +116,7 @@ def train_encoder(
         **(identity or {}),
     }
     train_images, held_out_images = (images[part] for part in split_indices(len(images), held_out, seed))
+    keep_freed_memory()
     with ENCODER_FOLDER.locked(folder):
         state = _State(config, run, device)
         rows = state.resume(folder / CHECKPOINT)

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from thalweg.core import versions
+from thalweg.core.compute.heap import keep_freed_memory
 from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
 from thalweg.core.machine import package_version
 from thalweg.core.run_folder import CHECKPOINT, FolderKind
@@ -126,6 +127,7 @@ class WaterTraining:
         )
         shown, judged = (Renderer(self.grounds.worlds(seeds), self.camera, quality) for seeds, quality in views)
         held_out = draw(judged, self.held_out, self.seed + JUDGED_APART)
+        keep_freed_memory()
         threads = default_torch_threads()
         if progress:
             say_resumed(self.folder, len(rows), self.epochs)

@@ -47,10 +47,8 @@ PRICED = tuple(name for name in TASKS if name != PAPER_TASK)
 LEVEL, RIVERS, NUM_ENVS, STEPS, FLIGHTS = "Medium", range(1000, 1016), 16, 200_000, 60
 HOVER, LEARNER = "hover", "PPO"
 KEY = ("task", "policy", "seed", "config", "tasks", "privileged")
-"""Columns that identify a row: `config` is a hash of PPO's settings and of the version of deadlines, the last two are
-versions."""
-BEFORE = f"before deadlines {versions.DEADLINES}"
-"""Mark of policies whose learning went on beyond the deadline; they stand in for those that have not been trained."""
+"""Columns that identify a row: `config` is a hash of PPO's settings and of the versions of PPO, training and deadlines,
+the last two are versions."""
 LEAST_SPAN, GREATEST_HOVER, LEAST_COST = 2.0, 0.05, 3.0
 """Points of return; share of the oracle's return; multiple of the middle limit."""
 
@@ -75,8 +73,6 @@ class Gates:
     """Return of hovering."""
     learners: tuple[tuple[float, float], ...]
     """(return, cost) of PPO with each seed."""
-    before: bool = False
-    """Whether PPO was trained before deadlines ended learning."""
 
     @property
     def span(self) -> float:
@@ -101,7 +97,12 @@ class Gates:
 
 def key_of(task: str, policy: str, seed: int) -> tuple[str, ...]:
     """Return the values of `KEY`."""
-    config = settings_hash(settings() | {"deadlines": versions.DEADLINES}) if policy == LEARNER else ""
+    made_with = {
+        "deadlines": versions.DEADLINES,
+        "algorithm": versions.ALGORITHMS[LEARNER],
+        "training": versions.TRAINING,
+    }
+    config = settings_hash(settings() | made_with) if policy == LEARNER else ""
     return task, policy, str(seed), config, str(versions.TASKS), str(versions.PRIVILEGED)
 
 
@@ -133,25 +134,17 @@ def measure(task: TaskName, policy: str, seed: int, runs: Path) -> dict[str, str
 
 
 def gates_of(task: TaskName, rows: Sequence[Mapping[str, str]]) -> Gates:
-    """Return how a task stands to its gates, by the front that comes with the package and rows of today's versions;
-    without any of PPO, by those of `BEFORE`."""
+    """Return how a task stands to its gates, by the front that comes with the package and rows of today's
+    versions."""
     front = front_of(points_of(read_fronts(), task, LEVEL))
     current = [row for row in rows if _key(row) == key_of(task, row["policy"], int(row["seed"]))]
     hover = next((float(row["return"]) for row in current if row["policy"] == HOVER), float("nan"))
-    learners = [row for row in current if row["policy"] == LEARNER]
-    earlier = [] if learners else [row for row in rows if _key(row) == _key_before(task, int(row["seed"]))]
-    figures = tuple((float(row["return"]), float(row["cost"])) for row in learners or earlier)
-    return Gates(task, front, LIMITS[task], hover, figures, bool(earlier))
+    learners = tuple((float(row["return"]), float(row["cost"])) for row in current if row["policy"] == LEARNER)
+    return Gates(task, front, LIMITS[task], hover, learners)
 
 
 def _key(row: Mapping[str, str]) -> tuple[str, ...]:
     return tuple(row[name] for name in KEY)
-
-
-def _key_before(task: str, seed: int) -> tuple[str, ...]:
-    """Return the key of a row of PPO with today's settings and tasks from before deadlines ended learning."""
-    key = dict(zip(KEY, key_of(task, LEARNER, seed), strict=True))
-    return tuple((key | {"config": settings_hash(settings())}).values())
 
 
 def gate_table(rows: Sequence[Mapping[str, str]]) -> str:
@@ -163,7 +156,7 @@ def gate_table(rows: Sequence[Mapping[str, str]]) -> str:
         ppo = "not measured"
         if gates.learners:
             return_, cost = np.mean(gates.learners, axis=0)
-            ppo = f"{return_:.2f} / {cost:.0f} ({len(gates.learners)}{f', {BEFORE}' if gates.before else ''})"
+            ppo = f"{return_:.2f} / {cost:.0f} ({len(gates.learners)})"
         multiple = f"{gates.multiple:.1f}" if gates.learners else "unknown"
         figures = f"{gates.span:.2f}", f"{100 * gates.hover_share:.1f} %", limits, ppo, multiple
         lines.append([task, *figures, "yes" if gates.held else "no"])

@@ -53,13 +53,12 @@ def test_rows_of_other_versions_and_settings_do_not_count(script: ModuleType):
     assert script.gates_of("Nests", [old, other, row(script, "PPO", 2, 9.0, 35.0)]).learners == ((9.0, 35.0),)
 
 
-def test_policies_from_before_deadlines_ended_learning_stand_in_and_are_marked(script: ModuleType):
-    before = row(script, "PPO", 0, 9.0, 40.0) | {"config": script.settings_hash(script.settings())}
-    new = row(script, "PPO", 1, 8.0, 30.0)
-    assert script.gates_of("Nests", [before]).learners == ((9.0, 40.0),)
-    assert script.gates_of("Nests", [before, new]).learners == ((8.0, 30.0),)
-    cells = [script.gate_table(rows).splitlines()[2].split(" | ")[4] for rows in ([before], [before, new])]
-    assert cells == ["9.00 / 40 (1, before deadlines 1)", "8.00 / 30 (1)"]
+def test_policies_of_other_versions_do_not_count(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
+    made = row(script, "PPO", 0, 8.0, 30.0)
+    assert script.gates_of("Nests", [made]).learners == ((8.0, 30.0),)
+    monkeypatch.setitem(script.versions.ALGORITHMS, "PPO", 10**6)
+    assert script.gates_of("Nests", [made]).learners == ()
+    assert script.gate_table([made]).splitlines()[2].split(" | ")[4] == "not measured"
 
 
 def test_a_line_of_the_fronts_has_both_ends_half_of_the_span_and_the_area(script: ModuleType):

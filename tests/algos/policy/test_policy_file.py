@@ -86,6 +86,7 @@ def test_a_header_that_does_not_fit_is_refused_by_name(header, words, tmp_path):
         ({"dtype": "<U8"}, "type <U8, which is no number"),
         ({"sizes": [0]}, "1 branches of options"),
         ({"start": []}, "1 branches of options, 0 of them with a first one"),
+        ({"start": [2**63]}, "a first option beyond ±2,147,483,648"),
         ({"sizes": [], "start": []}, r"the shape \(\) and 0 numbers"),
         ({"shape": [2]}, r"the shape \(2,\) and 1 numbers"),
         ({"low": [1.0], "high": [0.0]}, "bounds that do not fit together"),

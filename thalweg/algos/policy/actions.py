@@ -29,6 +29,8 @@ Kind = Literal["categorical", "gaussian", "squashed", "point"]
 """Kind of policy: categorical, Gaussian, Gaussian through tanh, or deterministic through tanh."""
 MOST_JOINT_ACTIONS = 4096
 """Largest number of joint actions for exact sums."""
+MOST_FIRST = 2**31
+"""Greatest number of an environment's first option: with all options it fits into 64 bits."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +140,8 @@ class Actions:
             return f"are of the type {self.dtype:.40}, which is no number"
         if any(size < 1 for size in self.sizes) or len(self.sizes) != len(self.start):
             return f"have {len(self.sizes)} branches of options, {len(self.start)} of them with a first one"
+        if any(abs(first) > MOST_FIRST for first in self.start):
+            return f"have a first option beyond ±{MOST_FIRST:,}"
         if len(self.low) != len(self.high) or not all(map(operator.le, self.low, self.high)):
             return "have bounds that do not fit together"
         if bool(self.sizes) == bool(self.low) or math.prod(self.shape) != self.count:

@@ -56,6 +56,7 @@ def test_a_whole_checkpoint_has_its_rows_and_what_the_run_says_of_itself(tmp_pat
         ({"rows": [ROW, 3]}, "its epoch 2 lacks a number of epoch, loss, held_out"),
         ({"rows": [{"epoch": 1, "loss": 0.5}]}, "its epoch 1 lacks a number"),
         ({"rows": [ROW | {"loss": "low"}]}, "its epoch 1 lacks a number"),
+        ({"rows": [ROW | {"loss": 10**400}]}, "its epoch 1 lacks a number"),
         ({"rows": [ROW, ROW]}, "its epoch 2 is called 1"),
     ],
 )

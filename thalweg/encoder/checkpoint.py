@@ -1,6 +1,6 @@
 """Checkpoints of a training of an encoder: model and Adam as tensors by name, and the folder of another training."""
 
-import math
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -88,7 +88,8 @@ def read_checkpoint(path: Path, kind: str, columns: Sequence[str]) -> tuple[dict
 def _is_number(value: Any) -> bool:
     """Return whether a cell of a row is a number that is finite as far as it is there, or null."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
-    return value is None or (number and math.isfinite(value))
+    # An integer of any length is compared with a float exactly.
+    return value is None or (number and abs(value) <= sys.float_info.max)
 
 
 def restore_state(

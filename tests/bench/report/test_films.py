@@ -9,6 +9,7 @@ from tests.bench.small_backend import write_film_of
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.report.films import is_film
 from thalweg.bench.report.report import write_report
+from thalweg.bench.results.reading import read_results
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 LARGE = 4_000_000
@@ -84,3 +85,9 @@ def test_films_of_somebody_else_are_no_part_of_a_report(filmed: Path, tmp_path: 
     with pytest.raises(ResultsError, match=rf"out holds {name.partition('/a')[0]}, which is no part of a report"):
         write_report(filmed, out)
     assert (out / name).read_bytes() == b"years of work"
+
+
+def test_a_policy_whose_name_is_too_long_for_a_file_has_no_film(tiny_results: Path):
+    runs = tiny_results / "runs.csv"
+    runs.write_text(runs.read_text() + f"{'x' * 300}-0,baseline,{'x' * 300},0,0,finished,,0.0,0.0\n")
+    assert read_results(tiny_results).films == {}

@@ -24,6 +24,7 @@ CONDITION = {"name": "unseen", "levels": [], "rivers": {}, "blind": True}
 NO_RECORD = "suite.json is not the record of a suite: "
 DAMAGED: list[tuple[Any, str]] = [
     ([], "it must be a mapping, got []"),
+    ("x" * 1000, f'it must be a mapping, got "{"x" * 199}...'),
     ({"train_level": "Medium", "arms": [ARM]}, "name is missing"),
     ({"name": "x", "arms": [ARM]}, "train_level is missing"),
     (BASE | {"train_level": ["Medium"]}, 'train_level must be a string, got ["Medium"]'),

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from os.path import exists
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -336,12 +337,13 @@ class _Reader:
         found = {}
         for name, label in names.items():
             files = FilmFiles.of(self.folder, name)
-            if files.film.exists() and files.caption.exists():
+            # A path that is too long for the system raises an error in `Path.exists`.
+            if exists(files.film) and exists(files.caption):
                 words = self.line(files.caption) + (f" Outdated: {label}." if label else "")
-                found[name] = Film(files.film, words, files.poster if files.poster.exists() else None)
-            elif files.failure.exists():
+                found[name] = Film(files.film, words, files.poster if exists(files.poster) else None)
+            elif exists(files.failure):
                 found[name] = Film(None, self.line(files.failure))
-            elif files.film.exists():
+            elif exists(files.film):
                 self.skipped.append(f"{name}.mp4: there is no {name}.txt that says what it shows")
         return found
 

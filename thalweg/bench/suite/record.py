@@ -19,6 +19,9 @@ from thalweg.core.config import TupleOf, frozen_config, parse_config
 from thalweg.env.tasks import PAPER_TASK
 from thalweg.world.real.selection import Selection
 
+MOST_SHOWN = 200
+"""Characters of a wrong value that an error shows."""
+
 
 @frozen_config(ResultsError, extra="ignore")
 class StageRecord:
@@ -251,4 +254,6 @@ def encoder_of(record: Mapping[str, Any], arm: Mapping[str, Any]) -> str:
 
 
 def _to_json(value: Any) -> str:
-    return json.dumps(value, ensure_ascii=False)
+    """Return a value as JSON, cut where it is long."""
+    text = json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."

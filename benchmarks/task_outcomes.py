@@ -15,11 +15,10 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.fronts.fronts import FIXED, UNSEEN, front_of, packaged_points
 from thalweg.bench.report.policies import evaluated_seeds
-from thalweg.bench.report.price_tables import by_seed, costs_of, mean_cost, mean_return, task_cost
+from thalweg.bench.report.price_tables import by_seed, mean_cost, mean_return, share_above, task_cost
 from thalweg.bench.results.front import Front
 from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.results import Results
-from thalweg.bench.results.risk import share_above
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.config import Suite
 from thalweg.bench.suite.record import arms_of
@@ -185,7 +184,7 @@ def outcome_of(key: tuple[str, str, float, str], episodes: Sequence[Episode], fr
         *key,
         mean_estimate(episodes, "return_"),
         task_cost(episodes),
-        by_seed(episodes, lambda rows: share_above(costs_of(rows), limit)),
+        share_above(episodes, limit),
         by_seed(episodes, lambda rows: front.regret(mean_cost(rows), mean_return(rows))),
     )
 

@@ -263,6 +263,22 @@ WRONG = [
     ),
     (["evaluate", "hover", "--seed", "-2"], "--seed must be 0 or more, not -2"),
     (["evaluate", "hover", "--starts-seed", "-2"], "--starts-seed must be 0 or more, not -2"),
+    (["evaluate", "hover", "--starts-seed", str(2**64)], "--starts-seed must be at most 9223372036854775807, not 1844"),
+    (["train", "--seed", str(2**63), "--out", "x"], "--seed must be at most 9223372036854775807, not 9223372036854775"),
+    (
+        ["train", "--world-seeds", "100000:100004", "--out", "x"],
+        "--world-seeds: rivers from seed 100,000 on are kept for flights on unseen rivers, and nothing is trained on",
+    ),
+    (["imitate", "--world-seeds", "7", "200000", "--out", "x"], "--world-seeds: rivers from seed 100,000 on are kept"),
+    (["encoder", "train", "--world-seeds", "100000", "--out", "x"], "--world-seeds: rivers from seed 100,000 on are"),
+    (
+        ["encoder", "train", "--target", "geometry", "--world-seeds", "99999:100001", "--out", "x"],
+        "--world-seeds: rivers from seed 100,000 on are kept for flights on unseen rivers",
+    ),
+    (
+        ["encoder", "train", "--target", "water", "--world-seeds", "100000", "--out", "x"],
+        "--world-seeds: rivers from seed 100,000 on are kept for flights on unseen rivers",
+    ),
     (["encoder", "train", "--seed", "-1", "--out", "x"], "--seed must be 0 or more, not -1; such as --seed 0"),
     (["encoder", "show", "--seed", "-1"], "--seed must be 0 or more, not -1; such as --seed 1"),
 ]

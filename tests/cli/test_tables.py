@@ -43,6 +43,14 @@ def test_a_line_in_a_pipe_is_as_long_as_its_table_needs():
     assert len([line for line in lines if line.startswith("│")]) == len(ours)
 
 
+def test_brackets_in_a_name_are_shown():
+    printed = io.StringIO()
+    rows = [replace(episode(9.5, 0.1, "Success"), algorithm=f"FOCOPS[lr={rate}]", level="a [west]") for rate in "12"]
+    print_tables(Console(width=WIDTH, file=printed), Results(Path(), {}, [], rows, [], []))
+    text = printed.getvalue()
+    assert "FOCOPS[lr=1]" in text and "FOCOPS[lr=2]" in text and "[west]" in text
+
+
 def test_a_table_fits_a_narrow_terminal():
     file = io.StringIO()
     lines = printed_rows(Console(width=100, file=file, force_terminal=True, color_system=None), file)

@@ -168,3 +168,10 @@ def test_a_run_of_continuous_actions_is_evaluated_and_filmed_with_them(
     assert main([*flown, "--out", str(tmp_path / "flights")]) == 0
     (flight,) = read_recordings(tmp_path / "flights")[1]
     assert flight.options is None and flight.options_of_flight["action"] == "continuous"
+
+
+@pytest.mark.parametrize("option", ["--no-hard", "--no-randomise", "--no-carried-by-current"])
+def test_a_bench_offers_no_option_that_its_suite_would_overrule(option: str, capsys: pytest.CaptureFixture):
+    with pytest.raises(SystemExit, match="2"):
+        main(["bench", "quick", option, "--out", "x"])
+    assert f"Unrecognized options: {option}" in capsys.readouterr().err

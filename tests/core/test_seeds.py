@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from thalweg.core.seeds import compact_seeds, parse_seeds
+from thalweg.core.seeds import UNSEEN, compact_seeds, parse_seeds, refuse_unseen
 
 
 @pytest.mark.parametrize(
@@ -77,3 +77,10 @@ def test_anything_else_is_refused_with_what_is_wrong(given: Any, message: str):
 def test_long_runs_of_seeds_are_written_as_ranges_and_read_again(seeds, data):
     assert compact_seeds(seeds) == data
     assert parse_seeds(data) == tuple(seeds)
+
+
+def test_seeds_of_unseen_rivers_are_refused_for_training():
+    refuse_unseen((), "seeds", ValueError)
+    refuse_unseen((0, UNSEEN - 1), "seeds", ValueError)
+    with pytest.raises(KeyError, match=r"seeds: rivers from seed 100,000 on .* lower seeds than 100,000"):
+        refuse_unseen((7, UNSEEN), "seeds", KeyError)  # pyright: ignore[reportArgumentType]

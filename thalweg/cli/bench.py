@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from thalweg.cli.command import Command
 from thalweg.cli.forces import STILL, ForceFlags, Forces
@@ -41,7 +41,7 @@ class Bench(Command):
     """Processors and threads of each run on a cluster; by default 1."""
     task: str | None = None
     """River, Swimmers, Nests, RacingLine or Portage; by default that of the suite."""
-    hard: bool = False
+    hard: Annotated[bool, FlagCreatePairsOff] = False
     """End an episode at the first cost of the task, also where the suite does not."""
     forces: Forces = STILL
     views: Views = AS_IN_LEVELS

@@ -187,7 +187,7 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
         vetoes, steps = sum(row.vetoes for row in rows), sum(row.length for row in rows)
         console.print(f"The shield replaced {vetoes:,} of {steps:,} moves.", highlight=False)
     if command.out is not None:
-        console.print(f"One row per episode: {command.out}", highlight=False)
+        console.print(f"One row per episode: {command.out}", highlight=False, markup=False)
 
 
 def _is_papers_study(policy: "Policy | RecurrentPolicy", rules: "EnvConfig") -> bool:

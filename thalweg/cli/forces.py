@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tyro.conf import arg
+from tyro.conf import FlagCreatePairsOff, arg
 
 from thalweg.cli.options import UsageError, settings_from
 
@@ -24,7 +24,7 @@ class ForceFlags:
     """Mean wind in m/s, a number or a range such as 1 4, and settings such as towards_deg=[0,90]; or none."""
     current: tuple[str, ...] = ()
     """Speed of the water in mid-channel in m/s, a number or a range such as 0.2 0.8; or none."""
-    carried_by_current: bool = False
+    carried_by_current: Annotated[bool, FlagCreatePairsOff] = False
     """Let the vehicle float, so that the current carries it; with --current."""
     dynamics: Literal["kinematic", "inertial"] | None = None
     """`kinematic`: an action is a step; `inertial`: it commands velocities, which follow with a lag."""

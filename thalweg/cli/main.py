@@ -46,7 +46,7 @@ from thalweg.cli.world import DrawWorld
 from thalweg.core.atomic_io import is_disk_error
 from thalweg.core.extras import advice_for
 from thalweg.core.plugins.lookup import add_files
-from thalweg.core.seeds import parse_seeds
+from thalweg.core.seeds import MAX_SEED, parse_seeds
 from thalweg.core.suggestion import did_you_mean
 
 DESCRIPTION = (
@@ -247,7 +247,7 @@ def _is_expected(error: Exception) -> bool:
 
 
 def _check_seeds(command: Any) -> None:
-    """Raise `UsageError` for a seed below zero or lists of seeds that cannot be read, before anything is done."""
+    """Raise `UsageError` for a seed out of range or lists of seeds that cannot be read, before anything is done."""
     for field in fields(command):
         value: Any = getattr(command, field.name)
         if is_dataclass(value):
@@ -257,6 +257,8 @@ def _check_seeds(command: Any) -> None:
             parse_seeds(value, option, UsageError)
         elif field.name.endswith("seed") and isinstance(value, int) and value < 0:
             raise UsageError(f"{option} must be 0 or more, not {value}")
+        elif field.name.endswith("seed") and isinstance(value, int) and value > MAX_SEED:
+            raise UsageError(f"{option} must be at most {MAX_SEED}, not {value}")
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from pandas import DataFrame
 from rich.console import Console
+from rich.markup import escape
 from rich.measure import Measurement
 from rich.table import Column, Table
 
@@ -24,7 +25,7 @@ def make_console() -> Console:
 
 def _column(heading: str, index: int) -> Column:
     """Return a column wide enough for each word of its heading; numbers are to the right of the first column."""
-    return Column(heading, justify="right" if index else "left", min_width=max(map(len, heading.split())))
+    return Column(escape(heading), justify="right" if index else "left", min_width=max(map(len, heading.split())))
 
 
 def print_tables(console: Console, results: Results, *, detail: bool = True, published: bool = True) -> None:
@@ -39,7 +40,7 @@ def print_tables(console: Console, results: Results, *, detail: bool = True, pub
         for row in text.itertuples(index=False, name=None):
             published = is_published(row[0])
             name = row[0].replace(f" ({PAPER})", ", published *")
-            table.add_row(name, *row[1:], style="dim" if published else None)
+            table.add_row(*map(escape, (name, *row[1:])), style="dim" if published else None)
         if not console.is_terminal:
             whole = Measurement.get(console, console.options.update(max_width=UNLIMITED), table).maximum
             console.width = max(console.width, whole)

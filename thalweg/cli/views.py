@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tyro.conf import arg
+from tyro.conf import FlagCreatePairsOff, arg
 
 from thalweg.cli.options import UsageError, settings_from
 
@@ -22,7 +22,7 @@ class TrainedViews:
     """Settings of the camera, such as fov_deg=75 pitch_deg=10, and before them the YAML file of a calibration."""
     quality: Literal["full", "fast"] | None = None
     """Quality of frames, by default full; `fast` reflects only the sky, filters less, and interpolates the ground."""
-    randomise: bool = False
+    randomise: Annotated[bool, FlagCreatePairsOff] = False
     """Vary light, water, plants, camera angles, noise and clouds from episode to episode."""
     action: Literal["multidiscrete", "continuous"] | None = None
     """Kind of actions: `multidiscrete`, or `continuous`, which inertial dynamics need; by default what these need."""

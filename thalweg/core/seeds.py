@@ -3,11 +3,15 @@
 import contextlib
 import operator
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Any
 
+UNSEEN = 100_000
+"""Seed of the first unseen river of a level; nothing is trained on it or on later seeds."""
 RANGE = re.compile(r"([0-9](?:_?[0-9]){0,39}):([0-9](?:_?[0-9]){0,39})")
+MAX_SEED = 2**63 - 1
+"""Greatest seed of starts and of trainings, which compiled code and PyTorch take as a whole number of 64 bits."""
 MAX_SEEDS = 1_000_000
 """Greatest number of seeds in a list: more is a slip, such as a date."""
 LONGEST_LISTED = 16
@@ -32,6 +36,16 @@ def parse_seeds(given: Any, what: str = "seeds", error: type[ValueError] = Value
             raise error(f"{what}: the seed {seed} is given twice")
         known.add(seed)
     return tuple(seeds)
+
+
+def refuse_unseen(seeds: Sequence[int], what: str, error: type[ValueError]) -> None:
+    """Raise `error`, whose message begins with `what`, for seeds of levels' rivers to train on that are `UNSEEN` or
+    later."""
+    if (seed := max(seeds, default=0)) >= UNSEEN:
+        raise error(
+            f"{what}: rivers from seed {UNSEEN:,} on are kept for flights on unseen rivers, and nothing is trained on"
+            f" them; give lower seeds than {seed:,}"
+        )
 
 
 def compact_seeds(seeds: Iterable[int]) -> list[int | str]:

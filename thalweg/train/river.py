@@ -15,7 +15,7 @@ from thalweg.core import versions
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads
 from thalweg.core.notices import notice
-from thalweg.core.seeds import compact_seeds, parse_seeds
+from thalweg.core.seeds import compact_seeds, parse_seeds, refuse_unseen
 from thalweg.encoder import Encoder, PluginEncoder, check_render_version, encoder_plugin, load_encoder
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.rivers.assignment import DrawnRivers
@@ -122,6 +122,8 @@ class RiverTraining:
             names = [level.name for level in self.levels]
             if not names or len(set(names)) < len(names):
                 raise TrainingError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
+        if not isinstance(self.river, Reach):
+            refuse_unseen(self.seeds, "world_seeds", TrainingError)
         if self.rivers not in get_args(RiverChange):
             raise TrainingError(f"rivers must be one of {', '.join(get_args(RiverChange))}, not {self.rivers!r}")
         if self.rivers_in_memory is not None and not self.changes_river:

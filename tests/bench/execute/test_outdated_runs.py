@@ -201,6 +201,14 @@ def test_outdated_runs_are_shown_under_names_of_their_own(folder: Path, newer_fr
     assert {f"Outdated: {name}; the suite runs it again" for name in old.values()} < set(problems(results))
     assert {"hover", *old.values()} <= set(paper_table(results).text["policy"])
     assert results.films["films/PPO-best"].words.endswith(f"Outdated: {newer_frames}.")
+    assert results.films["film"].words.endswith(f"Outdated: {newer_frames}.")  # although hover's flights are current
+
+
+def test_a_film_of_a_flight_that_the_results_lack_says_so(folder: Path):
+    assert "among the results" not in read_results(folder).films["film"].words
+    caption = folder / "film.txt"
+    caption.write_text(caption.read_text().replace("return ", "return 1"))
+    assert read_results(folder).films["film"].words.endswith(" This flight is no longer among the results.")
 
 
 def test_a_run_that_begins_with_the_packaged_policy_depends_on_its_version():

@@ -56,6 +56,19 @@ def first(tmp_path: Path) -> Path:
     return folder
 
 
+def test_a_training_is_also_taken_after_an_attempt_that_failed_before_it_began(first: Path, tmp_path: Path):
+    folder = tmp_path / "other"
+    run_suite(OTHER, folder, CheckingBackend(broken=("PPO-0", "PPO-1")), only=("hover",))
+    (folder / "runs" / "PPO-0").mkdir(parents=True)
+    (folder / "runs" / "PPO-0" / "error.txt").write_text("no encoder")
+    (folder / "runs" / "PPO-1").mkdir()
+    (folder / "runs" / "PPO-1" / "config.yaml").write_text("")  # of a training that has begun
+    place = CheckingBackend()
+    run_suite(OTHER, folder, place, reuse=first)
+    assert "check PPO-0" in place.calls and "train PPO-1" in place.calls
+    assert not (folder / "runs" / "PPO-0" / "error.txt").exists()
+
+
 def test_a_training_that_is_the_same_is_copied_and_flown(first: Path, tmp_path: Path, capsys: pytest.CaptureFixture):
     place, folder = CheckingBackend(), tmp_path / "other"
     run_suite(OTHER, folder, place, reuse=first)

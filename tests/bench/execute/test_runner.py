@@ -16,14 +16,15 @@ from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Trial
 from thalweg.bench.evaluate.episodes import REASON_TEXT, read_episodes, write_episodes
-from thalweg.bench.execute import backend
+from thalweg.bench.execute import backend, runner
 from thalweg.bench.execute.backend import installed_versions
 from thalweg.bench.execute.filming import best_of_all, policy_shots
 from thalweg.bench.execute.runner import RESULTS_FOLDER, claim, run_suite, selected_runs
 from thalweg.bench.results.reading import read_results
-from thalweg.bench.results.results import evaluation_path, read_runs
+from thalweg.bench.results.results import Results, evaluation_path, read_runs
 from thalweg.bench.suite.arms import Arm, Run, Stage
 from thalweg.bench.suite.builtin import STUDIED, SUITES, suite_named
+from thalweg.bench.suite.config import Suite
 from thalweg.cli.main import main
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
@@ -168,7 +169,7 @@ def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path,
         ),
         (
             {"arms": ({"algorithm": "PPO", "seeds": [0, -1]},)},
-            r"seeds\[1\] must be .* of at least 0, got -1",
+            r"seeds\[1\] must be a whole number from 0 to \d+, got -1",
         ),
         ({"arms": (Arm("PPO", settings={"pases": 3}),)}, "unknown setting of PPO 'pases' .did you mean 'passes'"),
         ({"arms": (Arm("PPO", preset="papr"),)}, "no preset 'papr'; there are default, paper"),
@@ -180,7 +181,16 @@ def test_a_full_disk_stops_the_suite_and_keeps_what_was_finished(tmp_path: Path,
             r"before\[0\]\.steps must be a whole number of at least 1, got 0",
         ),
         ({"arms": (Arm("PPO", before=(Stage("PPO", "Hard", 9, "papr"),)),)}, "no preset 'papr'"),
-        ({"starts_seed": -3}, "starts_seed must be a whole number of at least 0, got -3"),
+        ({"starts_seed": -3}, r"starts_seed must be a whole number from 0 to \d+, got -3"),
+        (
+            {
+                "files": {"Foo": {"file": "a.geojson"}},
+                "conditions": ({"name": "fog", "rivers": ["Foo"], "files": [1]},),
+            },
+            r"conditions\[0\].* must be a mapping",
+        ),
+        ({"starts_seed": 2**63}, r"starts_seed must be a whole number from 0 to \d+, got 9223372036854775808"),
+        ({"world_seeds": "99998:100002"}, "world_seeds: rivers from seed 100,000 on are kept .* lower .* than 100,001"),
     ],
 )
 def test_an_invalid_suite_is_refused_before_anything_runs(tmp_path: Path, change: dict, message: str):
@@ -421,6 +431,27 @@ def test_the_help_says_what_may_be_done_alone_and_its_examples_can_be(
         assert {run.algorithm for run in selected_runs(SUITES["paper"], (name,))} == {name}
     runs = selected_runs(SUITES["paper"], ("FOCOPS", "PPO-0"))
     assert [run.name for run in runs] == ["PPO-0", "FOCOPS-0", "FOCOPS-1", "FOCOPS-2"]
+
+
+def test_a_folder_is_held_until_its_report_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A second suite that begins in the same new folder neither writes its record nor films."""
+    refused = []
+
+    def film(suite: Suite, results: Results, *_: Any) -> None:
+        with pytest.raises(ResultsError, match="another command is writing to"):
+            run_suite(replace(SUITE, name="second"), results.folder, SmallBackend())
+        refused.append(suite.name)
+
+    monkeypatch.setattr(runner, "film_flights", film)
+    run_suite(SUITE, tmp_path / "new", SmallBackend())
+    assert refused == ["small"] and json.loads((tmp_path / "new" / "suite.json").read_text())["name"] == "small"
+
+
+def test_a_foreign_folder_is_refused_without_a_trace(tmp_path: Path):
+    (tmp_path / "thesis.tex").write_text("mine")
+    with pytest.raises(ResultsError, match=r"holds thesis\.tex, but no suite\.json"):
+        run_suite(SUITE, tmp_path, SmallBackend())
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
 def test_a_suite_that_another_process_executes_is_refused(tmp_path: Path):

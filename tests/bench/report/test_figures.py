@@ -1,5 +1,6 @@
 """Tests of the figures: which curves, bands and bars they draw."""
 
+import json
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -25,6 +26,35 @@ def test_every_panel_has_a_curve_for_each_algorithm_and_a_band_over_seeds(tiny_r
         assert len(axis.collections) == 1  # the band of PPO
         assert axis.get_legend() is None
     assert len(figure.legends) == 1
+
+
+def test_a_run_that_failed_before_its_first_episode_is_missing_and_not_one_of_those_drawn(tiny_results: Path):
+    suite, runs = tiny_results / "suite.json", tiny_results / "runs.csv"
+    suite.write_text(suite.read_text().replace('"seeds": [0, 1]', '"seeds": [0, 1, 2]'))
+    runs.write_text(runs.read_text() + "PPO-2,train,PPO,2,0,failed,no encoder,1.0,0.0\n")
+    figure = training_curves(read_results(tiny_results))
+    assert figure is not None
+    assert figure.axes[0].lines[0].get_label() == "PPO (2 of 3 seeds, 1 of them failed)"
+    runs.write_text(runs.read_text().replace("300,failed", "300,finished"))
+    figure = training_curves(read_results(tiny_results))
+    assert figure is not None and figure.axes[0].lines[0].get_label() == "PPO (2 of 3 seeds)"
+
+
+def test_the_curve_of_a_last_stage_ends_where_it_ends(tiny_results: Path):
+    """Both stages together are as long as the axis; the last one has 100 of 400 steps."""
+    suite = tiny_results / "suite.json"
+    arm = {"name": "PPO", "algorithm": "PPO", "seeds": [0, 1], "steps": 100}
+    arm["before"] = [{"algorithm": "PPO", "level": "Easy", "steps": 300}]
+    whole = {"name": "FOCOPS", "algorithm": "FOCOPS", "seeds": [0], "steps": 400}
+    suite.write_text(json.dumps(json.loads(suite.read_text()) | {"arms": [arm, whole]}))
+    (tiny_results / "runs" / "PPO-0" / "episodes.csv").write_text("step,return,tight,loose\n60,2.0,1.0,0.0\n")
+    (tiny_results / "runs" / "PPO-1" / "episodes.csv").unlink()
+    (log,) = read_results(tiny_results).training
+    assert log.last_step == 100
+    figure = training_curves(read_results(tiny_results))
+    assert figure is not None
+    curve = np.asarray(figure.axes[0].lines[0].get_ydata())
+    assert curve[49] == 2.0 and np.isnan(curve[50:]).all()  # of 200 points up to 400 steps
 
 
 def test_many_policies_have_a_row_each_with_the_others_in_grey(tiny_results: Path):

@@ -1,5 +1,6 @@
 """Tests of tables and figures of tasks where a limit has a price, on results whose statistics are known."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -71,13 +72,25 @@ def test_each_policy_stands_beside_its_own_limit_and_the_oracle(priced: Results)
     assert list(rows) == ["PPO", "FOCOPS-5", "FOCOPS-20"]
     # Returns 4 + seed + (0 or 2), so 6 in the mean, at a mean cost of 2, where 6.2 is attainable.
     tight = rows["FOCOPS-5"]
-    assert tight["limit"] == "5.00" and tight["cost"].startswith("2.00 [") and tight["flights above"].startswith("0.00")
+    assert tight["limit"] == "5.00" and tight["cost"].startswith("2.00 [") and tight["flights above"] == "0% [0, 39]"
     assert tight["worst tenth costs"].startswith("4.00") and tight["below the oracle"].startswith("0.20 [")
     assert tight["limit met"] == "yes"
     # Costs of 0 and 20, three times each: their mean is 10 ± 11.5 by Student's t, although seeds do not differ.
-    assert rows["FOCOPS-20"]["flights above"].startswith("0.00") and rows["FOCOPS-20"]["limit met"] == "unsure"
+    assert rows["FOCOPS-20"]["flights above"] == "0% [0, 39]" and rows["FOCOPS-20"]["limit met"] == "unsure"
     assert rows["FOCOPS-20"]["cost"] == "10.00 [0.00, 21.50]"
     assert (rows["PPO"]["limit"], rows["PPO"]["limit met"]) == ("none", "no limit")
+
+
+def test_shares_and_tails_have_intervals_that_are_possible(priced: Results):
+    """Of three seeds two fly one of four episodes above the limit and one none: a share of 1/6."""
+    extra = [replace(row, cost=0.0) for row in flights("FOCOPS-5", 3, 4.0, 4.0)] + flights("FOCOPS-5", 3, 4.0, 4.0)
+    above = [replace(row, cost=8.0) if row.seed < 2 and index == 1 else row for index, row in enumerate(extra)]
+    above += [replace(row, cost=90.0) for row in extra[:1]]
+    row = rows_of(price_table(replace(priced, episodes=above)))["FOCOPS-5"]
+    share, low, high = map(int, re.findall(r"\d+", row["flights above"]))
+    assert 0 <= low < share < high <= 100
+    tail, low, high = map(float, re.findall(r"-?[\d.]+", row["worst tenth costs"]))
+    assert low == 0 < tail < high
 
 
 def test_a_cost_above_one_is_not_clipped(priced: Results):
@@ -133,6 +146,11 @@ def test_the_figure_shows_each_policy_at_its_mean_cost_and_return(priced: Result
     points = {line.get_label(): tuple(np.asarray(line.get_xydata())[0]) for line in figure.axes[0].lines}
     assert points["FOCOPS-20"] == pytest.approx((10.0, 7.0)) and points["PPO"] == pytest.approx((15.0, 8.0))
     assert "oracle, which knows the map" in points
+
+
+def test_logs_of_arms_that_the_suite_no_longer_names_make_no_figure(priced: Results):
+    (log,) = priced.training
+    assert training_costs(replace(priced, training=[replace(log, algorithm="once")])) is None
 
 
 def test_costs_of_training_are_those_of_all_kinds(priced: Results):

@@ -236,7 +236,7 @@ def test_films_of_policies_stand_beside_one_another_with_what_they_show(tiny_res
     text = write_report(tiny_results).page.read_text()
     _, section = text.split("best flight and typical failure</h2>")
     assert section.split("</section>")[0].count("<video ") == 1
-    assert "<figcaption>What films/PPO-best shows.</figcaption>" in section
+    assert "<figcaption>What films/PPO-best shows. This flight is no longer among the results.</figcaption>" in section
     assert "aria-label='Film of a flight: PPO, best'" in section
     assert "<li>No film films/hover-best: RuntimeError: no ffmpeg</li>" in text
     assert "<li>Not used: films/PPO-failure.mp4: there is no films/PPO-failure.txt" in text

@@ -29,6 +29,11 @@ DAMAGED: list[tuple[Any, str]] = [
     ({"name": "x", "arms": [ARM]}, "train_level is missing"),
     (BASE | {"train_level": ["Medium"]}, 'train_level must be a string, got ["Medium"]'),
     (BASE | {"arms": None}, "arms must be a list, got null"),
+    (BASE | {"views": {"camera": 5}}, 'views must be those of a suite, got {"camera": 5}'),
+    (
+        BASE | {"views": {"camera": {"fov_deg": "wide"}}},
+        'views must be those of a suite, got {"camera": {"fov_deg": "wide"}}',
+    ),
     (BASE | {"arms": "PPO"}, 'arms must be a list, got "PPO"'),
     (BASE | {"arms": ["PPO"]}, 'arms[0] must be a mapping, got "PPO"'),
     (

@@ -53,6 +53,13 @@ def test_a_process_that_is_started_later_finds_it_too(tmp_path: Path):
     assert plugin is not None and printed.strip() == plugin.source
 
 
+def test_a_path_that_the_list_of_files_would_cut_is_refused_by_its_name(tmp_path: Path):
+    file = mine(tmp_path / f"at 12{os.pathsep}30")
+    with pytest.raises(PluginError, match=rf"12{os.pathsep}30.mine\.py: a file of plug-ins must have a path without"):
+        lookup.add_files([file])
+    assert lookup.given_files() == []
+
+
 def test_several_records_of_a_file_are_plugins_but_not_those_that_it_imports(tmp_path: Path):
     write(tmp_path / "other_records.py", RECORD + 'OTHER = Record("Other")\n')
     more = (

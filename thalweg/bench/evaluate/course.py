@@ -13,6 +13,7 @@ from pydantic import Field, InstanceOf
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.core.config import frozen_config
+from thalweg.core.seeds import MAX_SEED, UNSEEN
 from thalweg.env import EnvConfig, sample_starts
 from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.env.rivers.bare_river import load_or_plan
@@ -24,8 +25,6 @@ from thalweg.world import Level, World, level_named, load_or_build
 EVALUATION, CLOCKS, LOOKS = zlib.crc32(b"evaluation"), zlib.crc32(b"clocks"), zlib.crc32(b"looks")
 """Random streams of the evaluation. Nothing in training draws from them: neither the frames of the encoder nor the
 episodes of a policy share a seed with a start."""
-UNSEEN = 100_000
-"""Seed of the first unseen river of a level; nothing is trained on it or on later seeds."""
 
 
 @frozen_config(ResultsError)
@@ -34,7 +33,7 @@ class EvaluationConfig:
 
     episodes: Annotated[int, Field(ge=1)] = 20
     """Starts per river."""
-    starts_seed: Annotated[int, Field(ge=0)] = 0
+    starts_seed: Annotated[int, Field(ge=0, le=MAX_SEED)] = 0
     """Seed of each river's list of starts."""
     deterministic: bool = False
     """Whether the most probable action is taken instead of a sampled one. Training samples."""

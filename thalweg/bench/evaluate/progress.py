@@ -12,7 +12,7 @@ from thalweg.bench.evaluate.evaluation import Step
 def progress_bar(console: Console, unit: str) -> Progress:
     """Return a progress bar that counts units such as episodes, with a rate; its tasks have a field `rate`."""
     return Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn(f"{unit}  {{task.fields[rate]}}"),

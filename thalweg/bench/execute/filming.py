@@ -10,11 +10,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from thalweg.bench.evaluate.episodes import ALL_REASONS, REASON_TEXT, Episode
+from thalweg.bench.evaluate.episodes import ALL_REASONS, Episode
 from thalweg.bench.evaluate.progress import progress_bar, track_frames
 from thalweg.bench.execute.backend import Backend
 from thalweg.bench.pictures.film_format import LARGE, SMALL
-from thalweg.bench.results.results import FILMS, KINDS, MAIN_FILM, FilmFiles, Results
+from thalweg.bench.results.results import FILMS, KINDS, MAIN_FILM, FilmFiles, Results, flight_in_words
 from thalweg.bench.results.statistics import mean_and_std_text, summarise
 from thalweg.bench.suite.arms import Run
 from thalweg.bench.suite.config import Suite
@@ -42,11 +42,7 @@ class Shot:
 
     def caption(self, title: str) -> str:
         """Return the caption of the film, for a policy with this title."""
-        row = self.episode
-        return (
-            f"{title} on {row.level}, start {row.episode} of the list: {row.length} steps, return {row.return_:.2f}, "
-            f"cost {row.cost:.1f}, {REASON_TEXT[row.reason]}. {self.why}\n"
-        )
+        return f"{title}{flight_in_words(self.episode)} {self.why}\n"
 
 
 def film_flights(suite: Suite, results: Results, backend: Backend, console: Console) -> None:

@@ -22,7 +22,7 @@ from thalweg.bench.results.run_versions import (
 from thalweg.bench.suite.arms import Run
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.checkpoint import FOLDER as CHECKPOINTS
-from thalweg.train.folder.run_record import POLICY, read_status
+from thalweg.train.folder.run_record import CONFIG, POLICY, read_status
 
 
 def take_trainings(context: ExecutionContext, runs: Mapping[Run, Versions], source: Path) -> None:
@@ -35,7 +35,8 @@ def take_trainings(context: ExecutionContext, runs: Mapping[Run, Versions], sour
     recorded = read_versions(source)
     for run, current in runs.items():
         there, here = (folder / "runs" / run.name for folder in (source, context.folder))
-        if run.name not in finished or here.exists() or needs_training(recorded.get(run.name, {}), current):
+        has_begun = (here / CONFIG).exists() or (here / STAGES).exists()
+        if run.name not in finished or has_begun or needs_training(recorded.get(run.name, {}), current):
             continue
         stages = [there / STAGES / str(number) for number in range(len(context.suite.arm(run.algorithm).before))]
         if not all(map(_is_finished, (*stages, there))):
@@ -51,6 +52,7 @@ def take_trainings(context: ExecutionContext, runs: Mapping[Run, Versions], sour
             continue
         known = read_versions(context.folder) | {run.name: current}
         write_versions(context.folder, known, read_sources(context.folder))
+        shutil.rmtree(here, ignore_errors=True)  # an attempt that failed before training began
         os.rename(copy, here)
         context.console.print(f"{run.name}: trained in {source}", highlight=False, markup=False)
 

@@ -8,8 +8,8 @@ were made with other versions are outdated and done again.
 import json
 import warnings
 from collections import Counter
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -84,30 +84,24 @@ def run_suite(
     check_feasible(suite, requested)
     if reuse is not None and (RESULTS_FOLDER.is_new(reuse) or reuse.resolve() == folder.resolve()):
         raise ResultsError(f"{reuse} holds no results of another suite; give a folder that `thalweg bench` wrote")
-    claim(folder, suite)
-    backend = backend or RiverBackend(suite)
-    _warn_of_changed_sources(suite, folder, requested)
-    context = ExecutionContext(suite, folder, backend, console)
-    rows = execute_runs(context, requested, executor or SerialExecutor(), reuse)
-    results = read_results(folder)
-    film_flights(suite, results, backend, console)
-    results = with_films(results)
-    return Outcome(results, write_report(folder, results=results), [rows[run.name] for run in requested])
+    with claimed(folder, suite):
+        backend = backend or RiverBackend(suite)
+        _warn_of_changed_sources(suite, folder, requested)
+        context = ExecutionContext(suite, folder, backend, console)
+        rows = execute_runs(context, requested, executor or SerialExecutor(), reuse)
+        results = read_results(folder)
+        film_flights(suite, results, backend, console)
+        results = with_films(results)
+        return Outcome(results, write_report(folder, results=results), [rows[run.name] for run in requested])
 
 
 def execute_runs(
     context: ExecutionContext, requested: Sequence[Run], executor: Executor, reuse: Path | None = None
 ) -> dict[str, RunRow]:
-    """Execute what is left of some runs of a suite, in a folder that it has claimed; returns the rows of all of its
-    runs so far, by name. `reuse`: as for `run_suite`. Raises `ResultsError` if another process executes runs of the
-    folder."""
-    with RESULTS_FOLDER.locked(context.folder):
-        return _execute_runs(context, requested, executor, reuse)
+    """Execute what is left of some runs of a suite, in a folder that is `claimed` for it.
 
-
-def _execute_runs(
-    context: ExecutionContext, requested: Sequence[Run], executor: Executor, reuse: Path | None
-) -> dict[str, RunRow]:
+    Returns the rows of all of its runs so far, by name. `reuse`: as for `run_suite`.
+    """
     suite, folder = context.suite, context.folder
     rows = {row.run: row for row in read_runs(folder)}
     pending = [run for run in requested if not _is_finished(run, suite, folder, rows.get(run.name))]
@@ -149,8 +143,21 @@ def selected_runs(suite: Suite, only: tuple[str, ...]) -> list[Run]:
     return [run for run in runs if not only or {run.name, run.algorithm} & set(only)]
 
 
+@contextmanager
+def claimed(folder: Path, suite: Suite) -> Iterator[None]:
+    """Hold the folder for this suite while the block writes to it.
+
+    Raises `ResultsError` if it holds anything but results of the same suite, or if another command holds it.
+    """
+    RESULTS_FOLDER.is_new(folder)  # refuses a foreign one before a lock is put into it
+    with RESULTS_FOLDER.locked(folder):
+        claim(folder, suite)
+        yield
+
+
 def claim(folder: Path, suite: Suite) -> None:
-    """Claim the folder for this suite; raises `ResultsError` if it holds anything but results of the same suite."""
+    """Write the record of this suite into a new folder; raises `ResultsError` if it holds anything but results of the
+    same suite."""
     if RESULTS_FOLDER.is_new(folder):
         about = {"env": suite.rules.as_data(), "versions": package_versions(), "machine": machine_info()}
         RESULTS_FOLDER.write_json(folder, suite.as_data() | about)

@@ -11,7 +11,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import COLUMNS, END_COLUMNS
 from thalweg.bench.execute.backend import Backend, RiverBackend
 from thalweg.bench.execute.executors import ExecutionContext, Executor, SerialExecutor
-from thalweg.bench.execute.runner import RESULTS_FOLDER, claim, comparable, execute_runs, selected_runs, versions_of
+from thalweg.bench.execute.runner import RESULTS_FOLDER, claimed, comparable, execute_runs, selected_runs, versions_of
 from thalweg.bench.results.curve import training_file
 from thalweg.bench.results.reproduction import Part, Table, compare_means, compare_to_the_bit, other_conditions
 from thalweg.bench.results.results import evaluation_path, read_runs
@@ -66,9 +66,9 @@ def verify(
     _check_suite(suite, recorded, requested)
     for run in requested:
         _check_recorded(suite, recorded, run)
-    claim(repeated, suite)
-    context = ExecutionContext(suite, repeated, backend or RiverBackend(suite), console)
-    rows = execute_runs(context, requested, executor or SerialExecutor())
+    with claimed(repeated, suite):
+        context = ExecutionContext(suite, repeated, backend or RiverBackend(suite), console)
+        rows = execute_runs(context, requested, executor or SerialExecutor())
     for run in requested:
         if (row := rows[run.name]).status != "finished":
             raise ResultsError(f"{run.name} cannot be verified: it {row.status} here: {row.error}")

@@ -1,6 +1,7 @@
 """The paper's figures: training curves, and bars of why episodes ended; with the style of all figures."""
 
 import io
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib
@@ -98,8 +99,9 @@ def training_curves(results: Results) -> Figure | None:
         figure = Figure(figsize=(9, 5.8 + 0.05 * len(names)))
         axes = list(figure.subplots(2, 2, sharex=True).flat)
         for index, name in enumerate(names):
-            curves = [training_curve(log, grid) for log in logs if log.algorithm == name]
-            label = f"{name} ({_seed_count(results, name, len(curves))})"
+            own = [log for log in logs if log.algorithm == name]
+            curves = [training_curve(log, grid) for log in own]
+            label = f"{name} ({_seed_count(results, own)})"
             for axis, (field, _) in zip(axes, PANELS, strict=True):
                 _draw_band(axis, curves, field, line_style(index), label)
         for axis, (_, title) in zip(axes, PANELS, strict=True):
@@ -129,8 +131,9 @@ def _small_multiples(results: Results, logs: dict[str, list[TrainingLog]], grid:
                 for other in means.values():
                     axis.plot(grid, other[field], color="#c9cdd1", linewidth=0.6)
                 _draw_band(axis, own, field, {"color": COLOURS[0]}, name)
-            count = _seed_count(results, name, len(own))
-            row[0].set_ylabel(f"{name}\n({count})", rotation=0, ha="right", va="center", fontsize=8)
+            row[0].set_ylabel(
+                f"{name}\n({_seed_count(results, logs[name])})", rotation=0, ha="right", va="center", fontsize=8
+            )
         for axis, (_, title) in zip(axes[0], PANELS, strict=True):
             axis.set_title(title.replace(" (", "\n("), fontsize=8)
             axis.set_ylim(bottom=0)
@@ -147,10 +150,12 @@ def line_style(index: int) -> dict[str, Any]:
     return {"color": COLOURS[index % len(COLOURS)], "linestyle": "-" if index < len(COLOURS) else "--"}
 
 
-def _seed_count(results: Results, name: str, count: int) -> str:
-    """Return how many runs a curve averages, and how many of them failed."""
-    failed = sum((row.kind, row.algorithm, row.status) == ("train", name, "failed") for row in results.runs)
-    return f"{count} seed{'s' * (count > 1)}" + (f", {failed} of them failed" if failed else "")
+def _seed_count(results: Results, logs: Sequence[TrainingLog]) -> str:
+    """Return how many of a policy's runs a curve averages, and how many of these failed."""
+    count = seeds_text(results, logs[0].algorithm, len(logs))
+    failed = {(row.algorithm, row.seed) for row in results.runs if (row.kind, row.status) == ("train", "failed")}
+    stopped = sum((log.algorithm, log.seed) in failed for log in logs)
+    return f"{count} seed{'s' * (count != '1')}" + (f", {stopped} of them failed" if stopped else "")
 
 
 def _draw_band(axis, curves: list[TrainingCurve], field: str, style: dict[str, Any], label: str) -> None:

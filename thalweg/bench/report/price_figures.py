@@ -89,12 +89,14 @@ def _draw_point(axis: Axes, cost: Estimate, return_: Estimate, colour: str, mark
 
 def training_costs(results: Results) -> Figure | None:
     """Draw the mean cost of the last episodes over training steps, a panel for each algorithm with a line for each of
-    its limits; None for the paper's task, or where nothing was trained."""
+    its limits; None for the paper's task, or where no arm of the suite has a training log."""
     logs = [log for log in results.training if len(log.step)]
     if task_of(results.suite) == PAPER_TASK or not logs:
         return None
     algorithms = algorithms_of(results)
     panels = list(dict.fromkeys(algorithms[log.algorithm] for log in logs if log.algorithm in algorithms))
+    if not panels:
+        return None
     last = results.most_steps or int(max(log.step[-1] for log in logs))
     grid = np.linspace(last / GRID, last, GRID)
     columns = min(4, len(panels))

@@ -2,7 +2,7 @@
 cover.
 
 The oracle's front is that of the training level's fixed river. Intervals of mean cost and mean return are those of
-`mean_estimate`, the others are over seeds; there is none for fewer than three.
+`mean_estimate`, that of a share is `proportion`'s, the others are over seeds; there is none for fewer than three.
 """
 
 import json
@@ -20,9 +20,9 @@ from thalweg.bench.fronts.fronts import FrontPoint, front_of, packaged_points
 from thalweg.bench.report.policies import evaluated_seeds, limit_met, train_level, trained_policies
 from thalweg.bench.report.table import Cell, Table, table_from_cells
 from thalweg.bench.results.front import Front
-from thalweg.bench.results.inference import Estimate, mean_estimate, t_interval
+from thalweg.bench.results.inference import Estimate, Proportion, clip, mean_estimate, proportion, t_interval
 from thalweg.bench.results.results import Results
-from thalweg.bench.results.risk import conditional_value_at_risk, share_above
+from thalweg.bench.results.risk import conditional_value_at_risk
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.record import arms_of, stages_of, task_of
 from thalweg.env.tasks import PAPER_TASK
@@ -76,6 +76,11 @@ def task_cost(episodes: Sequence[Episode]) -> Estimate:
     return mean_estimate(episodes, "cost", math.inf)
 
 
+def share_above(episodes: Sequence[Episode], limit: float) -> Proportion:
+    """Return the share of episodes that cost more than a limit."""
+    return proportion(episodes, lambda row: row.cost > limit)
+
+
 def mean_cost(episodes: Sequence[Episode]) -> float:
     """Return the mean cost of episodes."""
     return float(costs_of(episodes).mean())
@@ -107,12 +112,11 @@ def _price_row(results: Results, name: str, episodes: Sequence[Episode], front: 
     limit, cost = limit_of(results, name), task_cost(episodes)
     about_limit: list[Cell] = ["none", cost, "no limit", "no limit"]
     if limit is not None:
-        above = by_seed(episodes, lambda rows: share_above(costs_of(rows), limit))
-        about_limit = [limit, cost, limit_met(cost, limit), above]
+        about_limit = [limit, cost, limit_met(cost, limit), share_above(episodes, limit)]
     regret: Cell = "unknown"
     if front is not None:
         regret = by_seed(episodes, lambda rows: front.regret(mean_cost(rows), mean_return(rows)))
-    tail = by_seed(episodes, lambda rows: conditional_value_at_risk(costs_of(rows)))
+    tail = clip(by_seed(episodes, lambda rows: conditional_value_at_risk(costs_of(rows))), 0.0, math.inf)
     seeds = evaluated_seeds(results, name, episodes)
     return [name, seeds, *about_limit, tail, mean_estimate(episodes, "return_"), regret]
 

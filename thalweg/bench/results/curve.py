@@ -30,8 +30,11 @@ def training_file(folder: Path) -> Path:
     return folder / CURVE if not (folder / EPISODES).exists() and (folder / CURVE).exists() else folder / EPISODES
 
 
-def read_training(path: Path, row: RunRow) -> TrainingLog:
-    """Return the training of a run from its `EPISODES` or its `CURVE`; raises `ResultsError` or `OSError`."""
+def read_training(path: Path, row: RunRow, earlier_steps: int = 0) -> TrainingLog:
+    """Return the training of a run from its `EPISODES` or its `CURVE`; of several stages, that of the last one.
+
+    `earlier_steps`: steps of the stages before, which the row counts too. Raises `ResultsError` or `OSError`.
+    """
     is_curve = path.name == CURVE
     columns = COLUMNS if is_curve else ("step", "return", "tight", "loose")
     lines = read_csv(path, columns)
@@ -40,7 +43,7 @@ def read_training(path: Path, row: RunRow) -> TrainingLog:
     values = _numbers(path, lines, columns)
     step = _whole(path, "step", values["step"])
     order = np.argsort(step, kind="stable")
-    last = max(row.steps, int(step.max(initial=0)))
+    last = max(row.steps - earlier_steps, int(step.max(initial=0)))
     return_, tight, loose = (values[name][order] for name in ("return", "tight", "loose"))
     total = values["cost"][order] if "cost" in values else None
     episodes, violations = _blocks(path, values, order) if is_curve else (None, None)

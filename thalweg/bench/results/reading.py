@@ -1,7 +1,9 @@
 """Reading of results folders. Files that cannot be used are skipped and named."""
 
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from os.path import exists
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,6 +23,7 @@ from thalweg.bench.results.results import (
     OutdatedPolicy,
     Results,
     RunRow,
+    flight_in_words,
     read_runs,
 )
 from thalweg.bench.results.run_versions import (
@@ -45,6 +48,7 @@ from thalweg.bench.suite.record import (
     read_suite,
     stages_of,
     task_of,
+    training_steps,
 )
 
 Value = TypeVar("Value")
@@ -65,9 +69,8 @@ def read_results(folder: Path, *, as_recorded: bool = False) -> Results:
     suite = reader.attempt(folder / "suite.json", lambda: read_suite(folder), {})
     rows = reader.attempt(folder / "runs.csv", lambda: read_runs(folder), [])
     suite = reader.attempt(folder / "suite.json", lambda: _checked_suite(suite, rows), {})
-    conditions = [condition["name"] for condition in suite.get("conditions", [])]
     unknown = [] if suite else sorted(path.name for path in (folder / "evaluation").glob("*/"))
-    runs = reader.runs(folder, rows, conditions, unknown)
+    runs = reader.runs(folder, rows, suite, unknown)
     if unknown:
         reader.skipped.append(
             f"evaluation: flights under {', '.join(unknown)}, for without suite.json no condition is known"
@@ -83,7 +86,7 @@ def read_results(folder: Path, *, as_recorded: bool = False) -> Results:
         runs, outdated = _labelled(runs, suite)
     if not as_recorded and (folder / OUTDATED).is_dir():
         outdated_rows = reader.attempt(folder / OUTDATED / "runs.csv", lambda: read_runs(folder / OUTDATED), [])
-        outdated_runs, more = _labelled(reader.runs(folder / OUTDATED, outdated_rows, conditions, unknown), suite)
+        outdated_runs, more = _labelled(reader.runs(folder / OUTDATED, outdated_rows, suite, unknown), suite)
         runs, outdated = _with_outdated(runs, outdated_runs, more), outdated | more
     if not runs.episodes:
         reasons = "".join(f"\n  {line}" for line in reader.skipped)
@@ -288,27 +291,31 @@ class _Reader:
             self.skipped.append(name + reason.removeprefix(path.name) if is_named else f"{name}: {reason}")
             return default
 
-    def runs(self, folder: Path, rows: list[RunRow], conditions: Sequence[str], unknown: Sequence[str]) -> _Runs:
-        """The runs in a folder, given its rows; `unknown` are folders of evaluations that are not read."""
+    def runs(self, folder: Path, rows: list[RunRow], suite: Mapping[str, Any], unknown: Sequence[str]) -> _Runs:
+        """The runs of a suite in a folder, given its rows; `unknown` are folders of evaluations that are not read."""
+        conditions = [condition["name"] for condition in suite.get("conditions", [])]
         versions = self.attempt(folder / "versions.json", lambda: read_versions(folder), {})
         episodes = self.episodes(folder / "evaluation", skip=[*conditions, *unknown])
         by_condition = {name: self.episodes(folder / "evaluation" / name) for name in conditions}
         sources = {} if not versions else read_sources(folder)
-        return _Runs(rows, episodes, by_condition, self.training(folder, rows), versions, sources)
+        return _Runs(rows, episodes, by_condition, self.training(folder, rows, suite), versions, sources)
 
     def episodes(self, folder: Path, skip: Sequence[str] = ()) -> list[Episode]:
         """The episodes of all files in a folder, except for folders in it named in `skip`."""
         paths = [path for path in sorted(folder.glob("*")) if path.name not in skip]
         return [row for path in paths for row in self.attempt(path, lambda path=path: _read_evaluation(path), [])]
 
-    def training(self, folder: Path, rows: Sequence[RunRow]) -> list[TrainingLog]:
-        """The training logs of the runs, as far as they got."""
+    def training(self, folder: Path, rows: Sequence[RunRow], suite: Mapping[str, Any]) -> list[TrainingLog]:
+        """The training logs of the last stages of the runs, as far as they got."""
+        earlier = {arm["name"]: training_steps(arm) - arm["steps"] for arm in arms_of(suite)}
         logs = []
         for row in rows:
             path = training_file(folder / "runs" / row.run)
             is_due = row.status == "finished" and folder == self.folder
             if row.kind == "train" and (path.exists() or is_due):
-                logs.append(self.attempt(path, lambda path=path, row=row: read_training(path, row), None))
+                before = earlier.get(row.algorithm, 0)
+                read = partial(read_training, path, row, before)
+                logs.append(self.attempt(path, read, None))
         return [log for log in logs if log is not None]
 
     def line(self, path: Path) -> str:
@@ -325,27 +332,35 @@ class _Reader:
     def films(self, results: Results) -> dict[str, Film]:
         """The films that exist or failed, by name: that of the best flight, then those of each policy.
 
-        The caption of a film names the versions of its policy if all flights of it are outdated.
+        The caption of a film says so if its flight is outdated, or not among the results.
         """
-        labels = {policy.policy: policy.versions for policy in results.outdated.values()}
-        policies = list(dict.fromkeys(name.partition(" (")[0] for name in results.policies))
-        current = {row.algorithm for row in results.episodes} - set(results.outdated)
-        names = {MAIN_FILM: "" if current else next(iter(labels.values()), "")}
-        for policy in policies:
-            label = "" if policy in current else labels.get(policy, "")
-            names |= {f"{FILMS}/{policy}-{kind}": label for kind in KINDS}
+        flights: dict[str, list[Episode]] = defaultdict(list)
+        for row in results.episodes:
+            flights[row.algorithm.partition(" (")[0]].append(row)
+        shown = {MAIN_FILM: results.episodes}
+        for policy in dict.fromkeys(name.partition(" (")[0] for name in results.policies):
+            shown |= {f"{FILMS}/{policy}-{kind}": flights[policy] for kind in KINDS}
         found = {}
-        for name, label in names.items():
+        for name, candidates in shown.items():
             files = FilmFiles.of(self.folder, name)
             # A path that is too long for the system raises an error in `Path.exists`.
             if exists(files.film) and exists(files.caption):
-                words = self.line(files.caption) + (f" Outdated: {label}." if label else "")
+                words = self.line(files.caption)
+                words += _label_of_film(words, candidates, results.outdated)
                 found[name] = Film(files.film, words, files.poster if exists(files.poster) else None)
             elif exists(files.failure):
                 found[name] = Film(None, self.line(files.failure))
             elif exists(files.film):
                 self.skipped.append(f"{name}.mp4: there is no {name}.txt that says what it shows")
         return found
+
+
+def _label_of_film(caption: str, candidates: Sequence[Episode], outdated: Mapping[str, OutdatedPolicy]) -> str:
+    """A sentence about a film whose flight, one of the candidates, is outdated or no longer there; empty for others."""
+    found = [row.algorithm for row in candidates if flight_in_words(row) in caption]
+    if any(name not in outdated for name in found):
+        return ""
+    return f" Outdated: {outdated[found[0]].versions}." if found else " This flight is no longer among the results."
 
 
 def _read_evaluation(path: Path) -> list[Episode]:

@@ -22,7 +22,7 @@ from typing import Any
 from thalweg.algos.registry import version_of
 from thalweg.bench.csv_files import ResultsError, csv_text, finite, read_csv
 from thalweg.bench.evaluate.conditions import Trial
-from thalweg.bench.evaluate.episodes import ALL_REASONS, FIRST_COST, REASONS, Episode
+from thalweg.bench.evaluate.episodes import ALL_REASONS, FIRST_COST, REASON_TEXT, REASONS, Episode
 from thalweg.bench.packaged import PACKAGED
 from thalweg.bench.results.run_versions import Sources, Versions, some_critics_are_asymmetric
 from thalweg.bench.results.statistics import TrainingLog
@@ -76,6 +76,14 @@ class Film:
     """Caption of the film, or the reason why there is none."""
     poster: Path | None = None
     """The picture that stands for the film; None for films of earlier versions."""
+
+
+def flight_in_words(row: Episode) -> str:
+    """Return which flight a film shows, a part of its caption by which the flight is found again among results."""
+    return (
+        f" on {row.level}, start {row.episode} of the list: {row.length} steps, return {row.return_:.2f}, cost"
+        f" {row.cost:.1f}, {REASON_TEXT[row.reason]}."
+    )
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,4 @@
-"""How costs of episodes are distributed about a limit: share above it, and mean of the worst tenth.
-
-A mean cost within its limit may hide episodes far above it; these figures show them.
-"""
+"""The mean cost of the worst tenth of episodes, which a mean cost within its limit may hide."""
 
 import numpy as np
 
@@ -24,10 +21,3 @@ def conditional_value_at_risk(costs: np.ndarray, level: float = TAIL) -> float:
     # Weight 1 for each whole episode of the share, what is left of it for the next one, and 0 for the others.
     weights = np.clip(share - np.arange(len(worst)), 0.0, 1.0)
     return float((weights * worst).sum() / share)
-
-
-def share_above(costs: np.ndarray, limit: float) -> float:
-    """Return the share of the costs [K] that exceed a limit; raises `ValueError` for no costs."""
-    if not len(costs):
-        raise ValueError("no costs")
-    return float(np.mean(np.asarray(costs) > limit))

@@ -11,10 +11,10 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.functions import FunctionPolicy, is_reference
 from thalweg.bench.evaluate.rivers import NAME
 from thalweg.core.config import TupleOf, WholeNumber, frozen_config, to_plain
-from thalweg.core.seeds import compact_seeds, parse_seeds
+from thalweg.core.seeds import MAX_SEED, compact_seeds, parse_seeds
 
 Count = Annotated[WholeNumber, Field(ge=1)]
-Seed = Annotated[WholeNumber, Field(ge=0)]
+Seed = Annotated[WholeNumber, Field(ge=0, le=MAX_SEED)]
 
 
 def _seeds(value: Any) -> tuple[int, ...]:

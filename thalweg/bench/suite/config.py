@@ -67,7 +67,8 @@ def _condition(value: Any, info: ValidationInfo) -> Any:
     if isinstance(value, Mapping) and isinstance(named := value.get("rivers"), list | tuple):
         of_suite = info.data.get("files") or {}
         own = {name: of_suite[name] for name in named if isinstance(name, str) and name in of_suite}
-        return {**value, "files": {**own, **(value.get("files") or {})}} if own else value
+        files = value.get("files") or {}
+        return {**value, "files": {**own, **files}} if own and isinstance(files, Mapping) else value
     known = {condition.name: condition for condition in (*CONDITIONS, SHIELDED)}
     if isinstance(value, str) and value not in known:
         raise ValueError(f"unknown condition {value!r}; known: {', '.join(known)}, or a mapping of your own")
@@ -170,8 +171,8 @@ class Suite:
             refuse_unknown(what, names, known, ValueError)
 
     def _check_rivers(self) -> None:
-        """Raise `ValueError` for a file that is not used, a real river with two files, and for trainings and flights
-        that are for levels alone."""
+        """Raise `ValueError` for a file that is not used, a real river with two files, for trainings and flights that
+        are for levels alone, and for rivers that nothing is trained on."""
         for condition in self.conditions:
             for name in condition.files:
                 if name in self.files and condition.river(name) != self.reaches[name]:
@@ -190,8 +191,7 @@ class Suite:
         for arm in self.arms:
             for stage in (*arm.before, arm):
                 ground = self.ground(self.level_of(stage))
-                if isinstance(ground, Reach):  # for levels, training itself raises it
-                    RiverTraining(ground, self.num_envs, self.seeds_of(arm, stage), self.training_rules)
+                RiverTraining(ground, self.num_envs, self.seeds_of(arm, stage), self.training_rules)
 
     def _check_actions(self) -> None:
         """Raise `ValueError` for rules that do not go together, and for discrete actions where they are continuous."""

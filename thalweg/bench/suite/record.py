@@ -101,6 +101,10 @@ class SuiteRecord:
 
     @model_validator(mode="after")
     def _check(self) -> "SuiteRecord":
+        try:
+            views_in_words(dict(self.views))
+        except (TypeError, ValueError, LookupError, AttributeError) as error:
+            raise ValueError(f"views must be those of a suite, got {_to_json(self.views)}") from error
         names = [condition.name for condition in self.conditions]
         for index, name in enumerate(names):
             if name in names[:index]:

@@ -27,6 +27,8 @@ def add_files(files: Iterable[str | Path]) -> None:
     nothing is added.
     """
     paths = [Path(file).resolve() for file in files]
+    if (bad := next((path for path in paths if os.pathsep in str(path)), None)) is not None:
+        raise PluginError(f"{bad}: a file of plug-ins must have a path without {os.pathsep!r}, which separates paths")
     before = given_files()
     every = list(dict.fromkeys([*before, *paths]))
     if every != before:

@@ -9,7 +9,7 @@ from typing import Any
 
 from thalweg.core import versions
 from thalweg.core.config import to_plain
-from thalweg.core.seeds import compact_seeds, parse_seeds
+from thalweg.core.seeds import compact_seeds, parse_seeds, refuse_unseen
 from thalweg.encoder import EncoderInputError, Source, TrainingResult, VAEConfig, train_encoder
 from thalweg.encoder.checkpoint import check_folder
 from thalweg.encoder.training import ENCODER_FOLDER, finished_training, resolve_precision
@@ -50,6 +50,8 @@ def collect_and_train(
     else:
         name = level = level_named(level).name
     seeds = parse_seeds(world_seeds, "world_seeds", EncoderInputError)
+    if not isinstance(level, Reach):
+        refuse_unseen(seeds, "world_seeds", EncoderInputError)
     if len(seeds) > images + held_out:
         raise EncoderInputError(f"{images + held_out} images of {len(seeds)} rivers: there must be one image of each")
     drawing = drawing or Drawing()

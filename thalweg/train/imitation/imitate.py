@@ -15,7 +15,7 @@ from thalweg.core import versions
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
 from thalweg.core.config import parse_config, to_plain
-from thalweg.core.seeds import compact_seeds, parse_seeds
+from thalweg.core.seeds import compact_seeds, parse_seeds, refuse_unseen
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.rivers.assignment import DrawnRivers
@@ -152,6 +152,8 @@ class Imitation:
         names = [ground.name for ground in grounds]
         if not names or len(set(names)) < len(names):
             raise TrainingError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
+        if self.river is None:
+            refuse_unseen(parse_seeds(self.world_seeds, "world_seeds", TrainingError), "world_seeds", TrainingError)
         threads = 1 if self.threads is None else self.threads
         check_numbers(steps=(self.steps, 1), num_envs=(self.num_envs, 1), threads=(threads, 1), seed=(self.seed, 0))
 

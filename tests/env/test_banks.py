@@ -20,6 +20,12 @@ from thalweg.world.species import kinds_of
 NO_FRAMES = EnvConfig(observation="privileged")
 
 
+@pytest.mark.parametrize("make", [plan_bare, sound, build])
+def test_banks_beyond_the_course_are_refused_however_much_of_a_river_is_made(make):
+    with pytest.raises(WorldError, match="900"):
+        make(level_named("Easy+quay_900-950"), 1)
+
+
 def test_a_flight_pays_the_same_on_every_kind_of_bank():
     flights = []
     for level in ("Easy", "Easy+meadow", "Easy+quay_0-100+reeds_100-"):

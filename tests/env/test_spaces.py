@@ -29,6 +29,15 @@ def test_rows_of_different_lengths_are_refused_as_actions():
         to_unit_actions("multidiscrete", [[0, 0, 0, 0], [0, 0, 0]], 2)
 
 
+@pytest.mark.parametrize(("kind", "dtype"), [("multidiscrete", np.int64), ("continuous", np.float64)])
+def test_actions_in_any_layout_become_the_layout_that_kernels_are_compiled_for(kind: str, dtype: type):
+    rows = np.array([[0, 1, 1, 0], [1, 0, 0, 1], [1, 1, 0, 0]], dtype)
+    for given in (np.asfortranarray(rows), rows.T.copy().T, np.tile(rows, 2)[:, ::2], rows[::-1][::-1]):
+        units = to_unit_actions(kind, given, 3)
+        assert units.flags.c_contiguous and units.dtype == np.float64
+    assert to_unit_actions(kind, np.asfortranarray(rows), 3).tolist() == to_unit_actions(kind, rows, 3).tolist()
+
+
 @pytest.mark.parametrize("kind", ["multidiscrete", "continuous"])
 @pytest.mark.parametrize("options", [{}, {"allow_backward": True}, {"task": "RacingLine"}, {"vehicle": "asv"}], ids=str)
 def test_each_option_moves_as_its_word_says(kind: str, options: dict, easy_world: World):

@@ -8,6 +8,7 @@ import torch
 from gymnasium.vector import AutoresetMode
 
 import thalweg
+from tests.env.handmade import ring
 from tests.render.plain import plane
 from thalweg.core.compute.counter_random import splitmix64, uniform
 from thalweg.env import RiverVectorEnv
@@ -299,6 +300,18 @@ def test_actions_are_checked_before_anything_changes():
         with pytest.raises(ActionError, match=words):
             env.step(wrong)  # pyright: ignore[reportArgumentType]
     assert all(np.array_equal(env.get_state()[name], value) for name, value in before.items())
+
+
+def test_seeds_and_step_counts_beyond_what_kernels_hold_are_refused_by_name():
+    env = TensorRiverEnv(ring(), 2, EnvConfig(observation="none"))
+    with pytest.raises(
+        ConfigError, match="seed must be at most 9223372036854775805 for 2 of them, not 922337203685477"
+    ):
+        env.reset(seed=2**63 - 1)
+    env.reset(seed=2**63 - 3)
+    for name in ("max_steps", "max_idle_steps"):
+        with pytest.raises(ConfigError, match=rf"{name} must be a whole number from 1 to 2147483647.*, got 2147483648"):
+            EnvConfig(**{name: 2**31})
 
 
 def test_make_torch_takes_the_options_of_the_gymnasium_ids():

@@ -188,7 +188,10 @@ def forces() -> Trace:
             units = np.where([[False, True, True, True]], rng.integers(-1, 2, (8, 4)), 0)
             *_, info = env.step(units.astype(np.float32) if name == "all" else 1 - units)
             costs += info["costs"]
-        found |= {f"{name} {part}": info[part] for part in ("pose", "wind", "velocity") if part in info}
+        last, ended = info.get("final_info", info), info.get("_final_info", np.zeros(8, bool))[:, None]
+        for part in ("pose", "wind", "velocity"):  # those that the last action met with
+            if part in info:
+                found[f"{name} {part}"] = np.where(ended, last[part], info[part])
         found[f"{name} costs"] = costs
     return found
 

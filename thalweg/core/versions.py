@@ -23,7 +23,7 @@ DEADLINES = 1
 """Where learning ends: returns and costs at the deadline of a task; costs also at the paper's step limit, if their
 critics are told the share of steps. Trained policies of the tasks beside the paper's, and those with such critics,
 depend on it."""
-VEHICLES = 1
+VEHICLES = 2
 """The boat: what it touches and pays for, its starts, its pilot, and what its ideal eye tells."""
 PRIVILEGED = 2
 """The numbers of the ideal eye."""

@@ -11,7 +11,7 @@ from enum import IntEnum
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, InstanceOf, PositiveInt, model_validator
+from pydantic import BeforeValidator, Field, InstanceOf, model_validator
 
 from thalweg.core.config import FiniteNonNegative, FinitePositive, Hint, PairOf, frozen_config, refuse_unknown
 from thalweg.env.errors import ConfigError
@@ -30,6 +30,7 @@ ActionSpace = Literal["multidiscrete", "continuous"]
 RewardScheme = Literal["paper", "package"]
 Vehicle = Literal["uav", "asv"]
 Dynamics = Literal["kinematic", "inertial"]
+Steps = Annotated[int, Field(ge=1, le=2**31 - 1)]
 Current = Annotated[PairOf[FiniteNonNegative], FromNumber, InOrder]
 FORCE_FIELDS = ("dynamics", "inertia", "wind", "current_m_per_s", "carried_by_current")
 """Fields that `EnvConfig.as_data` leaves out at their defaults, so that the data of older configs stays the same."""
@@ -164,9 +165,9 @@ class EnvConfig:
     """Maximum height above the local water level."""
     max_yaw_deviation_deg: Annotated[float, Field(gt=0, le=180)] = 90.0
     """Maximum angle between the heading and the direction of travel."""
-    max_idle_steps: PositiveInt = 50
+    max_idle_steps: Steps = 50
     """An episode ends after this many consecutive steps without a new segment."""
-    max_steps: PositiveInt | None = None
+    max_steps: Steps | None = None
     """Maximum length of an episode. None: the step limit of the levels, or one proportional to the length of the course
     for any other world."""
     body_m: FinitePositive = 0.5

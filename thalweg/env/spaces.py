@@ -5,6 +5,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from thalweg.env.task.motion import ROUNDING
 from thalweg.env.task.priced.eye import features_of
 from thalweg.env.task.proprioception import PROPRIOCEPTION
 from thalweg.render.records.classes import CLASSES
@@ -86,12 +87,14 @@ def to_unit_actions(kind: str, actions: object, count: int, fast_ratio: float = 
         raise ActionError(
             f"action {given[row, branch]} of environment {row} ({BRANCHES[branch]}) is out of range {low}..{high}"
         )
+    given = np.ascontiguousarray(given)  # kernels would be compiled again for another layout
     if kind == "multidiscrete":
         return 1.0 - given
     unit_actions = given.astype(np.float64)
     if fast_ratio:
         share = unit_actions[:, FORWARD].clip(0.0)
-        unit_actions[:, FORWARD] = np.where(share * fast_ratio <= 1.0, share * fast_ratio, -share)
+        steps = share * fast_ratio
+        unit_actions[:, FORWARD] = np.where(steps <= 1.0 + ROUNDING, np.minimum(steps, 1.0), -share)
     return unit_actions
 
 

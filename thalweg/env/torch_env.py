@@ -18,6 +18,7 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from thalweg.core.compute.device import resolve_device
+from thalweg.core.seeds import MAX_SEED
 from thalweg.env import snapshot
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, EnvConfig, integer_at_least
 from thalweg.env.device.launcher import Launcher
@@ -32,6 +33,7 @@ from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import FORWARD, ActionError, action_space, observation_space, to_unit_actions
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
+from thalweg.env.task.motion import ROUNDING
 from thalweg.env.task.priced.station import greatest_ways
 from thalweg.env.task.proprioception import no_last_step
 from thalweg.env.task.rules import TASK_STATE, Outcome, State, empty_outcome, empty_state
@@ -165,6 +167,10 @@ class TensorRiverEnv:
     def reset(self, *, seed: int = 0) -> tuple[Any, Info]:
         """Start the first episodes of new seeds in all environments; returns observations and info."""
         first = integer_at_least("seed", seed, 0)
+        if first + self.num_envs > MAX_SEED:
+            raise ConfigError(
+                f"seed must be at most {MAX_SEED - self.num_envs} for {self.num_envs} of them, not {first}"
+            )
         self._tensors["seed"].copy_(torch.arange(first, first + self.num_envs))
         self._tensors["episode"].zero_()
         self._tensors["ended"].fill_(1)
@@ -267,7 +273,8 @@ class TensorRiverEnv:
         units = units.clamp(-1.0, 1.0)
         if ratio := self.config.fast_ratio:
             share = units[:, FORWARD].clamp(min=0.0)
-            units[:, FORWARD] = torch.where(share * ratio <= 1.0, share * ratio, -share)
+            steps = share * ratio
+            units[:, FORWARD] = torch.where(steps <= 1.0 + ROUNDING, steps.clamp(max=1.0), -share)
         return units.contiguous()
 
     def _info(self) -> Info:

@@ -8,6 +8,7 @@ import pytest
 from tests.env.forces.flights import FORWARD, MIDDLE, STILL, begun, flown, wide_water
 from tests.env.handmade import canal, ring
 from tests.env.task.priced.flights import PRICED, erratic, made, rivers
+from tests.env.vehicle.basins import basin
 from tests.env.winds import wind_of
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import DoneReason
@@ -59,6 +60,13 @@ def test_a_vehicle_with_inertia_accelerates_by_no_more_than_its_limit():
     poses = flown(env, FORWARD, 4)
     t = 0.25 * np.arange(1, 5)
     np.testing.assert_allclose(poses[:, 0] - 500.0, 0.5 * 2.0 * t * t, rtol=1e-12)
+
+
+def test_a_boat_with_inertia_neither_climbs_nor_says_so():
+    env = begun(basin(), np.array([30.0, 0.0, 1.2, 0.0]), vehicle="asv", dynamics="inertial", wind=STEADY)
+    for _ in range(3):
+        poses, *_, info = env.step(np.array([[1.0, 0.0, 0.0, 0.0]], np.float32))
+        assert info["velocity"][0, 2] == 0.0 and poses[0, 2] == pytest.approx(1.2)
 
 
 def test_yaw_rate_follows_with_a_lag_and_stays_in_its_limit():

@@ -49,6 +49,24 @@ def test_the_weather_follows_from_the_seed_whatever_the_number_of_environments()
         assert not np.isclose(winds[0], winds[2]).any()
 
 
+def test_a_new_episode_is_told_its_own_wind_and_velocity_in_the_step_that_begins_it():
+    options = {**OPTIONS, "current_m_per_s": None, "carried_by_current": False, "max_steps": 5}
+    env = RiverVectorEnv(wide_water(), 3, EnvConfig(observation="none", **options))
+    env.reset(seed=0)
+    for _ in range(5):
+        *_, info = env.step(np.full((3, 4), 0.5, np.float32))
+    assert info["_final_info"].all()
+    np.testing.assert_array_equal(info["velocity"], 0.0)
+    np.testing.assert_array_equal(info["wind"], env.forces.info()["wind"])
+    final = info["final_info"]
+    assert (np.abs(final["velocity"]).max(axis=1) > 0.1).all()
+    assert not np.isclose(final["wind"][:, :2], info["wind"][:, :2]).any()
+    kept = {name: info[name].copy() for name in ("wind", "velocity")}
+    env.step(np.ones((3, 4), np.float32))
+    for name, values in kept.items():
+        np.testing.assert_array_equal(info[name], values)
+
+
 def test_the_next_episode_has_another_weather():
     env = many(1, VARYING)
     before = env.forces.state.mean_wind.copy()

@@ -1,5 +1,7 @@
 """Tests of environments that change river with each episode."""
 
+import gc
+import weakref
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -52,6 +54,77 @@ def test_each_episode_is_in_a_river_of_its_own_and_all_come_up():
     assert counts.min() >= 4 and counts.max() <= 26
     assert (drawn[:, 0] != drawn[:, 1]).mean() > 0.8
     env.close()
+
+
+class Broken(RiverList):
+    """A list whose rivers cannot be loaded any more, once they are `broken`."""
+
+    broken = False
+
+    def course(self, index: int) -> World:
+        if self.broken:
+            raise KeyboardInterrupt(f"while river {index} was loaded")
+        return super().course(index)
+
+
+@pytest.mark.parametrize("steps", range(6, 14))
+def test_an_error_while_a_river_is_loaded_leaves_an_environment_that_can_be_reset(steps: int):
+    rivers = Broken(worlds(), in_memory=6)
+    env = RiverVectorEnv(rivers, 2, PRIVILEGED)
+    env.reset(seed=0)
+    rivers_flown(env, steps)
+    assert isinstance(env.rivers, DrawnRivers)
+    pool = env.rivers.pool
+    rivers.broken = True
+    with pytest.raises(KeyboardInterrupt):
+        rivers_flown(env, 100)
+    with pytest.raises(KeyboardInterrupt):
+        for seed in range(100):
+            env.reset(seed=seed)
+    rivers.broken = False
+    for seed in range(5):
+        env.reset(seed=seed)
+        assert min(pool._uses) >= 0 and sum(pool._uses) == 2
+        other = RiverVectorEnv(RiverList(worlds(), in_memory=6), 2, PRIVILEGED)
+        other.reset(seed=seed)
+        np.testing.assert_array_equal(rivers_flown(env, 40), rivers_flown(other, 40))
+        other.close()
+    env.close()
+
+
+def test_an_error_while_a_state_is_restored_changes_nothing():
+    rivers = Broken(worlds(), in_memory=6)
+    env = RiverVectorEnv(rivers, 2, PRIVILEGED)
+    env.reset(seed=0)
+    states = [env.get_state()]
+    for _ in range(6):
+        rivers_flown(env, 9)
+        states.append(env.get_state())
+    assert isinstance(env.rivers, DrawnRivers)
+    rivers.broken = True
+    refused = 0
+    for state in states:
+        try:
+            env.set_state(state)
+        except KeyboardInterrupt:
+            refused += 1
+        assert sum(env.rivers.pool._uses) == 2 and min(env.rivers.pool._uses) >= 0
+    assert refused
+    env.close()
+
+
+def test_an_environment_that_is_dropped_ends_its_thread_and_frees_its_rivers():
+    env = make(2, in_memory=6)
+    env.reset(seed=0)
+    rivers_flown(env, 20)
+    assert isinstance(env.rivers, DrawnRivers) and env.rivers.pool._worker is not None
+    pool, thread = weakref.ref(env.rivers.pool), env.rivers.pool._worker._thread
+    del env
+    gc.collect()
+    thread.join(30)
+    assert not thread.is_alive()
+    gc.collect()
+    assert pool() is None
 
 
 def test_no_rivers_load_nothing():

@@ -127,6 +127,16 @@ def test_a_hull_is_checked_along_its_way_and_turns_before_it_moves():
     assert first_hit(rock, 0, LIMITS, Pose(30.0, 0.0, 1.2, 0.0), Pose(30.0, 0.0, 1.2, math.pi / 2)) == SOLID
 
 
+def test_a_hull_that_turns_and_moves_also_hits_what_the_turn_alone_would():
+    rock = pack_courses([basin(rocks=((29.1, -0.66, 0.05),))], CONFIG)
+    turn = math.radians(10.0)
+    start, turned = Pose(30.0, 0.0, 1.2, 0.0), Pose(30.0, 0.0, 1.2, turn)
+    ahead = Pose(30.0 + math.cos(turn), math.sin(turn), 1.2, turn)
+    assert first_hit(rock, 0, LIMITS, start, turned) == SOLID  # its stern swings to starboard
+    assert first_hit(rock, 0, LIMITS, start, ahead) == SOLID
+    assert first_hit(rock, 0, LIMITS, turned, ahead) == CLEAR
+
+
 def pack_all_the_same(world: World):
     """The courses of a river through which there is no way, which packing alone refuses."""
     from thalweg.env.vehicle.soundings import take_soundings

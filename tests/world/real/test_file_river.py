@@ -175,6 +175,13 @@ BAD_FILES = {
     "nobody of that name": ([RIVER], {"river_name": "Rhine"}, "no water is named 'Rhine'; the names are Test River"),
     "unknown system": ([RIVER], {"crs": "EPSG:99"}, r"reference system 'EPSG:99' is unknown; name one such as"),
     "degrees in metres": ([RIVER], {"crs": "EPSG:32632"}, "looks like degrees and not like metres in EPSG:32632"),
+    "latitude of another datum": (
+        [feature([[11.0, 105.0], [11.001, 105.0], [11.002, 105.0]])],
+        {"crs": "EPSG:4258"},
+        r"position 0 of feature 0 is \[11, 105\], which is no longitude .* and latitude",
+    ),
+    "heights": ([RIVER], {"crs": "EPSG:5773"}, r"EPSG:5773 \(Vertical CRS\) has no positions on a map; name a"),
+    "halves of characters": ([RIVER], {"crs": "\ud800"}, r"reference system '\\ud800' is unknown; name one such as"),
     "mixed": (
         [feature([[11.0, 48.0], [678000.0, 5321000.0], [11.01, 48.0]])],
         {},

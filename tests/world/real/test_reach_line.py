@@ -62,6 +62,15 @@ def test_elevations_become_monotone_water_levels(tmp_path, given, above_datum, d
     assert line.datum_m == datum
 
 
+@pytest.mark.parametrize("smooth_m", [0.0, 8.0])
+def test_a_ring_that_is_no_wider_than_a_sample_is_refused(tmp_path, smooth_m: float):
+    turn = np.linspace(0, 2 * np.pi, 9)
+    ring = from_metres(0.25 * np.stack([np.cos(turn), np.sin(turn)], axis=1))
+    ring[-1] = ring[0]
+    with pytest.raises(WorldFileError, match="the line lies within 1.3 m of one place: choose a longer reach"):
+        read(tmp_path, feature(ring), smooth_m=smooth_m)
+
+
 def test_a_loop_keeps_its_elevations():
     levels = np.array([3.0, 1.0, 2.0, 3.0])
     np.testing.assert_array_equal(monotone_levels(levels, closed=True), levels)

@@ -42,9 +42,12 @@ def move_inertial(row, before, action, limits, forces, push_x, push_y, push_z, v
         law.acceleration,
         forces.step_s,
     )
+    climb = action.up * law.vertical + law.drag * law.vertical_time_constant * push_z
+    if limits.is_boat != 0:
+        climb = 0.0
     velocity[row, 2], dz = follow(
         velocity[row, 2],
-        action.up * law.vertical + law.drag * law.vertical_time_constant * push_z,
+        climb,
         law.vertical_time_constant,
         law.vertical_acceleration,
         forces.step_s,

@@ -85,8 +85,9 @@ class DrawnRivers:
         count = len(self.pool.rivers)
         drawn = self.next_river[row]
         river = int(generator.integers(count)) if drawn == UNDRAWN else int(drawn)
+        slot = self.pool.take(river)  # which may raise an error: until then everything stays as it is
         self._left.append(int(self.slot[row]))
-        self.slot[row], self.river[row] = self.pool.take(river), river
+        self.slot[row], self.river[row] = slot, river
         self.next_river[row] = generator.integers(count)
         self.courses = self.pool.courses
 
@@ -101,9 +102,8 @@ class DrawnRivers:
     def settle(self) -> None:
         """Give back the rivers that were left since the last call, and prepare the next ones."""
         if self._left:
-            for slot in self._left:
-                self.pool.leave(slot)
-            self._left.clear()
+            while self._left:
+                self.pool.leave(self._left.pop())
             self._expect(self.next_river)
 
     def fingerprint(self) -> np.ndarray:
@@ -128,9 +128,17 @@ class DrawnRivers:
 
     def restore(self, state: Mapping[str, np.ndarray]) -> None:
         """Take the rivers of a checked state."""
-        self.river[:], self.next_river[:] = state["river"], state["next_river"]
+        taken: list[int] = []
+        try:
+            for river in np.asarray(state["river"]):
+                taken.append(self.pool.take(int(river)))
+        except BaseException:
+            for slot in taken:
+                self.pool.leave(slot)
+            raise
         self._left += self.slot.tolist()
-        self.slot[:] = [self.pool.take(int(river)) for river in self.river]
+        self.slot[:] = taken
+        self.river[:], self.next_river[:] = state["river"], state["next_river"]
         self.courses = self.pool.courses
         self.settle()
 

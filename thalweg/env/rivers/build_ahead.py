@@ -34,6 +34,7 @@ class BackgroundBuilder:
         self.missing = len(missing)
         """Number of rivers that were not built at the start."""
         self._process: subprocess.Popen[str] | None = None
+        self._owner = os.getpid()
         if missing:
             environment = {
                 **os.environ,
@@ -65,9 +66,9 @@ class BackgroundBuilder:
             time.sleep(POLL_S)
 
     def close(self) -> None:
-        """End the process, and whoever waits for it."""
+        """End the process, and whoever waits for it; in a forked process, leave it to the parent."""
         process, self._process = self._process, None
-        if process is not None:
+        if process is not None and os.getpid() == self._owner:
             process.kill()
             process.wait()
             if process.stdin is not None:

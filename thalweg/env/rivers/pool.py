@@ -6,6 +6,7 @@ Which rivers are in memory, and when they arrive, changes the time that a step t
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, NamedTuple, Protocol
+from weakref import WeakMethod, finalize
 
 from thalweg.core.compute.threads import get_num_threads
 from thalweg.env.config import EnvConfig
@@ -76,6 +77,8 @@ class RiverPool:
         if tables is not None:
             tables.reserve(self.slots)
         self._builder = None if tables is None else BackgroundBuilder(rivers.entries)
+        if self._builder is not None:  # also for who drops an environment without closing it
+            finalize(self, self._builder.close)
         for river in list(firsts)[: self.slots]:
             self._place(river, firsts[river])
 
@@ -148,7 +151,8 @@ class RiverPool:
         for river in self._expected:
             if river not in self._slot_of and river not in self._coming:
                 if self._worker is None:
-                    self._worker = Worker(self._prepare_later, "thalweg-rivers")
+                    self._worker = Worker(WeakMethod(self._prepare_later), "thalweg-rivers")
+                    finalize(self, self._worker.end).atexit = False
                 self._coming[river] = self._worker.submit(river)
         self.most_loaded = max(self.most_loaded, self.loaded)
 
@@ -197,7 +201,7 @@ class RiverPool:
             self._used_at.append(0)
         else:
             slot = self._oldest()
-            del self._slot_of[self.river[slot]]
+            self._slot_of.pop(self.river[slot], None)  # of a call that an error ended, there is none
             self.river[slot], self._parts[slot] = river, prepared.course
         self._slot_of[river] = slot
         if self._tables is not None:

@@ -5,14 +5,16 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from queue import SimpleQueue
 from typing import Any, Generic, TypeVar
+from weakref import WeakMethod
 
 T = TypeVar("T")
 
 
 class Worker(Generic[T]):
-    """Calls a function in a thread. `ThreadPoolExecutor` would finish all that is waiting before Python may end."""
+    """Calls a method in a thread. `ThreadPoolExecutor` would finish all that is waiting before Python may end."""
 
-    def __init__(self, work: Callable[[int], T], name: str) -> None:
+    def __init__(self, work: "WeakMethod[Callable[[int], T]]", name: str) -> None:
+        """`work` does not keep its object alive; once that is gone, the thread ends."""
         self._work = work
         self._queue: SimpleQueue[tuple[Future[T], int] | None] = SimpleQueue()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -31,8 +33,12 @@ class Worker(Generic[T]):
 
     def close(self) -> None:
         """Wait for the call that is running; those that wait must have been cancelled."""
-        self._queue.put(None)
+        self.end()
         self._thread.join()
+
+    def end(self) -> None:
+        """Let the thread end after the calls that it was asked for."""
+        self._queue.put(None)
 
     def _run(self) -> None:
         while (asked := self._queue.get()) is not None:
@@ -41,8 +47,14 @@ class Worker(Generic[T]):
                 continue
             result: Any = None
             try:
-                result = self._work(number)
+                result = self._call(number)
             except BaseException as error:
                 future.set_exception(error)
             else:
                 future.set_result(result)
+
+    def _call(self, number: int) -> T:
+        """Return the result for a number. Only as long as this takes, the thread keeps the method's object alive."""
+        if (work := self._work()) is None:
+            raise ReferenceError("the object whose method was to be called is gone")
+        return work(number)

@@ -9,6 +9,9 @@ from typing import NamedTuple
 
 from thalweg.core.compute.jit import kernel
 
+ROUNDING = 1.0e-6
+"""Share of a step by which float32 may make it longer."""
+
 
 class Pose(NamedTuple):
     """Position and heading of one camera."""

@@ -104,7 +104,7 @@ def first_hit(courses, world, limits, before, after):
     dx = after.x - before.x
     dy = after.y - before.y
     pieces = max(1, int(math.ceil(math.hypot(dx, dy) / WAY_M - TOLERANCE_M)))  # noqa: RUF046 - a float on GPUs
-    for piece in range(1, pieces + 1):
+    for piece in range(1 if after.yaw == before.yaw else 0, pieces + 1):
         x = before.x + dx * piece / pieces
         y = before.y + dy * piece / pieces
         if touches_solid(courses, world, x, y, after.yaw, limits, 0.0):

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thalweg.world.banks import Banks, check_banks
+from thalweg.world.banks import Banks
 from thalweg.world.errors import WorldError
 from thalweg.world.generate import plants, surface
 from thalweg.world.generate.banks.lay import Valley, lay
@@ -45,7 +45,6 @@ def build(level: Level | str, seed: int | None = None) -> World:
     """
     level, seed = resolve_level(level, seed)
     planned = plan(level, seed)
-    check_banks(level.banks, planned.river.length_m, planned.river.closed)
     check_memory(planned.river.position_m, level.plant_density)
     relief = Relief(hills_m=level.hills_m, cut_banks=level.cut_banks)
     terrain = build_terrain(

@@ -12,6 +12,7 @@ import scipy
 
 from thalweg.world import bridges, islands
 from thalweg.world import validation as checks
+from thalweg.world.banks import check_banks
 from thalweg.world.errors import WorldError
 from thalweg.world.generate import hydrology, meander, side_channels
 from thalweg.world.generate.hydrology import Line
@@ -48,7 +49,10 @@ def random_stream(level: Level, seed: int, purpose: int) -> np.random.Generator:
 
 
 def plan(level: Level, seed: int) -> Plan:
-    """Return the validated plan of a level and a seed >= 0; raises `WorldError` for a level that cannot be met."""
+    """Return the validated plan of a level and a seed >= 0.
+
+    Raises `WorldError` for a level that cannot be met, and for banks that are not on the course.
+    """
     for attempt in range(ATTEMPTS):
         rng = random_stream(level, seed, 1000 + attempt)
         line = draw_course(level, rng)
@@ -60,6 +64,7 @@ def plan(level: Level, seed: int) -> Plan:
             checks.check_arms(planned.river, hydrology.MIN_LAND_M - 1.0)
         except WorldError:
             continue
+        check_banks(level.banks, planned.river.length_m, planned.river.closed)
         return planned
     raise WorldError(f"no river of level {level.name!r} was found for seed {seed} in {ATTEMPTS} attempts")
 

@@ -130,6 +130,8 @@ def project(reach: Track, closed: bool, smooth_m: float) -> Centerline:
     datum = float(level.min())
     points = np.column_stack([position, level - datum, reach.width_m])
     indices = thin_indices(position, closed)
+    if len(indices) < 2:
+        raise WorldError(f"the line lies within {SPACING_M:g} m of one place: choose a longer reach")
     _check_crossing(position[indices], reach.degrees[indices], closed)
     points = points[indices] if smooth_m == 0 else smooth_line(points[indices], closed, smooth_m)
     longitude = (origin[0] + 180.0) % 360.0 - 180.0

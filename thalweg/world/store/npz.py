@@ -13,7 +13,7 @@ import numpy as np
 from thalweg.core.atomic_io import atomic_path
 from thalweg.world.banks import as_data, read_banks
 from thalweg.world.errors import WorldError, WorldFileError
-from thalweg.world.record import FORMAT, Grid, Plants, River, World
+from thalweg.world.record import BRIDGE, FORMAT, Grid, Plants, River, World
 from thalweg.world.species import KINDS
 
 KIND = "thalweg world"
@@ -24,6 +24,8 @@ RIVER = {"position_m": 2, "arc_m": 1, "tangent": 2, "width_m": 1, "depth_m": 1, 
 """Arrays [S] or [S, 2] of a river and their number of axes; all float64."""
 
 
+SIZES = {"islands": [2, 3], "bridges": [BRIDGE.index(name) for name in ("length", "width", "span", "rise")]}
+"""Columns that hold sizes, which are positive."""
 ARRAYS = {
     *("about", *MAPS, "albedo", "islands", "bridges"),
     *(f"river.{name}" for name in RIVER),
@@ -164,6 +166,10 @@ def _array_error(arrays: dict[str, np.ndarray]) -> str | None:
     for name in ("plants.height_m", "plants.width_m", "river.width_m", "river.depth_m"):
         if (arrays[name] <= 0).any():
             return f"{name!r} holds {arrays[name].min()}; limit > 0"
+    for name, columns in SIZES.items():
+        sizes = arrays[name][:, columns]
+        if (sizes <= 0).any():
+            return f"{name!r} holds a size of {sizes.min()} m; limit > 0"
     return None
 
 
@@ -183,7 +189,7 @@ def _description_error(world: World) -> str | None:
         return f"a map of {world.ground_m.shape[0]} x {world.ground_m.shape[1]} nodes; at least 2 x 2"
     if len(river.arc_m) < 2:
         return f"a course of {len(river.arc_m)} samples; at least 2"
-    if river.length_m <= 0 or river.arc_m[0] != 0 or (np.diff(river.arc_m) <= 0).any():
+    if river.length_m < river.arc_m[-1] - 1e-6 or river.arc_m[0] != 0 or (np.diff(river.arc_m) <= 0).any():
         return f"a course of {river.length_m} m whose arc length does not grow from 0"
     return None
 

@@ -100,6 +100,15 @@ def test_a_continuous_action_forward_reaches_to_the_fast_step_and_a_pilot_takes_
     assert np.hypot(*(info["pose"] - before)[:, :2].T) == pytest.approx([0, 0, 0.5, 1.0, 1.5, 2.0])
 
 
+@pytest.mark.parametrize("step_m", [0.3, 0.6, 1.1, 1.2, 1.6])
+def test_a_step_that_float32_makes_longer_is_no_fast_one(step_m: float):
+    ratio = EnvConfig(task="Swimmers", forward_step_m=step_m).fast_ratio
+    plain = from_unit_actions("continuous", np.array([[0.0, 0, 1, 0]]), ratio)
+    assert plain.dtype == np.float32
+    assert to_unit_actions("continuous", plain, 1, ratio)[0, 2] == pytest.approx(1.0, abs=1e-6)
+    assert to_unit_actions("continuous", np.float32([[0, 0, 1.01 / ratio, 0]]), 1, ratio)[0, 2] < 0.0
+
+
 @pytest.mark.parametrize("task", PRICED)
 def test_a_state_continues_to_the_bit(task: str):
     env, other = (made(task, [rivers()["ring"], rivers()["hairpin"]]) for _ in range(2))  # pyright: ignore[reportArgumentType]

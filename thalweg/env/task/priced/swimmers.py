@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 from thalweg.core.compute.counter_random import uniform
 from thalweg.core.compute.jit import kernel
-from thalweg.env.task.motion import metres_forward, wrap_angle
+from thalweg.env.task.motion import ROUNDING, metres_forward, wrap_angle
 from thalweg.env.task.priced.packing import REACH_M
 from thalweg.env.task.progress import course_direction, interpolate, projection_at
-from thalweg.env.task.termination import TOLERANCE
 from thalweg.render.records.props import PropKind
 
 SWIMMER, KAYAK = int(PropKind.SWIMMER), int(PropKind.KAYAK)
@@ -87,7 +86,7 @@ def mover_at(courses, world, scene, steps, index):
 @kernel(fastmath=False, allocates=False)
 def passing_cost(courses, world, limits, scene, steps, action, pose):
     """Return 1.0 for a fast step, by a `UnitAction`, that ended at a `Pose` near a swimmer or kayak, else 0.0."""
-    if metres_forward(action, limits) <= limits.forward_step + TOLERANCE:
+    if metres_forward(action, limits) <= limits.forward_step * (1.0 + ROUNDING):
         return 0.0
     for index in range(courses.swimmers[world]):
         mover = mover_at(courses, world, scene, steps, index)

@@ -48,12 +48,17 @@ class Coordinates:
         try:
             system = pyproj.CRS.from_user_input(f"EPSG:{name}" if name.isdecimal() else name)
             self._transform = pyproj.Transformer.from_crs(system, "EPSG:4326", always_xy=True)
-        except pyproj.exceptions.ProjError:
+        except (pyproj.exceptions.ProjError, ValueError):  # the latter of text that is not Unicode
             raise WorldError(
                 f"the coordinate reference system {crs!r} is unknown; name one such as EPSG:4326 (longitude and "
                 "latitude), EPSG:3857 (Web Mercator) or EPSG:32632 (UTM zone 32 north)"
             ) from None
         self._is_projected = bool(system.is_projected)
+        if not (system.is_projected or system.is_geographic):
+            raise WorldError(
+                f"{crs} ({system.type_name}) has no positions on a map; name a projected or geographic system, such as"
+                " EPSG:32632 or EPSG:4326"
+            )
 
     def degrees(self, rows: np.ndarray, where: str) -> np.ndarray:
         """Return positions [K, 3] in degrees, with the elevation as it is; raises `WorldError` for one off the Earth.
@@ -63,6 +68,8 @@ class Coordinates:
         if self._transform is None:
             self._check_degrees(rows, where)
             return rows
+        if not self._is_projected:
+            self._check_degrees(rows, where)
         like_degrees = (np.abs(rows[:, 0]) <= 180) & (np.abs(rows[:, 1]) <= 90)
         if self._is_projected and like_degrees.any():
             index = int(np.argmax(like_degrees))

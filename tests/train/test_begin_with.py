@@ -20,6 +20,7 @@ from thalweg.algos.offpolicy.agent import Agent
 from thalweg.algos.offpolicy.replay_buffer import Batch
 from thalweg.algos.policy.policy import OptionCopy
 from thalweg.algos.policy.policy_file import load_policy
+from thalweg.algos.registry import algorithm_named
 from thalweg.train import run
 from thalweg.train.errors import TrainingError
 from thalweg.train.trainer import Trainer
@@ -123,6 +124,15 @@ def test_a_warmup_that_leaves_no_rollout_is_refused_before_anything_is_written(
         train(tmp_path / "run", steps=256, begin_with=first, config=SMALL | {"critic_warmup_steps": warmup})
     assert not (tmp_path / "run").exists()
     train(tmp_path / "run", steps=256, config=SMALL | {"critic_warmup_steps": warmup})
+
+
+def test_random_steps_that_leave_no_rollout_are_named_and_not_the_warmup():
+    check_warmup = importlib.import_module("thalweg.train.run").check_warmup
+    config = algorithm_named("SACLag").configure({"critic_warmup_steps": 0, "random_steps": 600}, "default", 8)
+    with pytest.raises(
+        TrainingError, match=r"random_steps must be at most 4\d\d in a run of 500 .* got 600: its"
+    ):
+        check_warmup(config, 500, 8)
 
 
 def test_an_option_of_a_policy_that_is_not_there_is_refused(tmp_path: Path):

@@ -1,5 +1,7 @@
 """What a run refuses before it has begun, by name, and what it leaves as it was."""
 
+import datetime
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,8 @@ from tests.train.toys import Walk
 from thalweg.algos import AlgorithmError
 from thalweg.core.compute.device import DeviceError
 from thalweg.train import TrainingError, load_policy
+from thalweg.train.folder.run_record import read_config
+from thalweg.train.run_in_folder import open_folder
 
 
 @pytest.mark.parametrize(
@@ -85,6 +89,29 @@ def test_the_folder_of_another_run_is_refused_before_its_first_checkpoint_too(tm
         train(tmp_path, seed=5)
 
 
+@pytest.mark.parametrize("attempt", range(5))
+def test_of_two_runs_that_begin_in_one_folder_at_once_one_is_refused(tmp_path, attempt):
+    ready, outcomes = threading.Barrier(2), {}
+
+    def begin(seed: int) -> None:
+        identity = {"algorithm": "FOCOPS", "config": {}, "seed": seed}
+        ready.wait()
+        try:
+            outcomes[seed] = open_folder(tmp_path / "run", identity, 1)
+        except TrainingError as error:
+            outcomes[seed] = str(error)
+
+    threads = [threading.Thread(target=begin, args=(seed,)) for seed in (1, 2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    (first,) = [seed for seed, found in outcomes.items() if found == {}]
+    other = 3 - first
+    assert f"seed is {first} there and {other} here" in outcomes[other]
+    assert (read_config(tmp_path / "run") or {})["run"]["seed"] == first
+
+
 def test_wrong_arguments_leave_no_folder(tmp_path):
     folder = tmp_path / "new"
     wrong: list[dict[str, Any]] = [
@@ -109,9 +136,16 @@ def test_wrong_arguments_leave_no_folder(tmp_path):
         ({"steps": -100}, "steps must be at least 1, got -100"),
         ({"threads": 0}, "threads must be at least 1, got 0"),
         ({"seed": -1}, "seed must not be negative, got -1"),
+        ({"seed": 2**63}, "seed must be at most 9223372036854775807, got 9223372036854775808"),
+        ({"context": {"river": "Danube"}}, "context.river must be a mapping or left out, got 'Danube'"),
+        ({"context": {"env": "CartPole-v1"}}, "context.env must be a mapping or left out, got 'CartPole-v1'"),
+        ({"context": {"env": None}}, "context.env must be a mapping or left out, got None"),
+        ({"context": {"levels": {1: "easy"}}}, "keys of context must be strings without '/', got 1"),
+        ({"context": {"levels": [{"a/b": 1}]}}, "keys of context must be strings without '/', got 'a/b'"),
+        ({"context": {"day": datetime.date(2026, 1, 2)}}, "context holds plain data only, as JSON has it: .* date"),
     ],
 )
-def test_numbers_out_of_range_are_named_before_the_folder_is_created(tmp_path, changes, words):
+def test_values_that_no_run_can_have_are_named_before_the_folder_is_created(tmp_path, changes, words):
     with pytest.raises(TrainingError, match=words):
         train(tmp_path / "new", **changes)
     assert not (tmp_path / "new").exists()

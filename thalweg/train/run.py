@@ -124,6 +124,7 @@ def run(
     given, resolved = resolved, with_declared_bounds(resolved, env)
     check_numbers(steps=(steps, 1), threads=(how.threads, 1), seed=(seed, 0))
     device, context = torch.device(resolve_device(how.device)), {**(context or {}), **made_by(entry)}
+    run_record.check_context(context)
     if how.graphs:
         _check_graphs(entry, device)
     images = sees_images(resolved)
@@ -225,7 +226,12 @@ def check_warmup(config: Any, steps: int, num_envs: int) -> None:
     last = (steps - 1) // rollout * rollout
     if warmup > last:
         given = config.critic_warmup_steps
-        most = max(last - (warmup - given), 0)
+        most = last - (warmup - given)
+        if most < 0:
+            raise TrainingError(
+                f"random_steps must be at most {last} in a run of {steps} steps that begins with another policy, got"
+                f" {config.random_steps}: its own actions would never count; take more steps, or set random_steps"
+            )
         raise TrainingError(
             f"critic_warmup_steps must be at most {most} in a run of {steps} steps that begins with another policy, "
             f"got {given}: only the critics learn during the warm-up, so that the policy would never change; take more"

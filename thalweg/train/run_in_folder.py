@@ -17,6 +17,7 @@ from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.heap import keep_freed_memory
 from thalweg.core.notices import notice
 from thalweg.core.plugins.record import PluginWarning, changed_source
+from thalweg.core.seeds import MAX_SEED
 from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.folder import run_record
 from thalweg.train.folder.checkpoint import load_checkpoint
@@ -59,11 +60,13 @@ class RunResult:
 
 
 def check_numbers(**numbers: tuple[int, int]) -> None:
-    """Raise `TrainingError` for a (number, minimum) below its minimum."""
+    """Raise `TrainingError` for a (number, minimum) below its minimum, or beyond 64 bits."""
     for name, (number, minimum) in numbers.items():
         if number < minimum:
             required = f"be at least {minimum}" if minimum else "not be negative"
             raise TrainingError(f"{name} must {required}, got {number}")
+        if number > MAX_SEED:
+            raise TrainingError(f"{name} must be at most {MAX_SEED}, got {number}")
 
 
 def open_folder(
@@ -80,8 +83,11 @@ def open_folder(
     description = run_record.describe(identity, threads, learner)
     existing = run_record.read_config(folder)
     if existing is None:
-        run_record.write_config(folder, description)
-        return {}
+        run_record.config_text(description)  # raises for what is no plain data, before the folder is created
+        with run_record.RUN_FOLDER.locked(folder):  # so that of two that begin at once, one is the first
+            if (existing := run_record.read_config(folder)) is None:
+                run_record.write_config(folder, description)
+                return {}
     run_record.require_same(folder, existing["run"], identity)
     now_sources = run_record.plugin_sources(identity)
     for name, source in run_record.plugin_sources(existing["run"]).items():

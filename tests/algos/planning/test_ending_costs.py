@@ -39,6 +39,13 @@ def test_costs_that_always_end_an_episode_have_the_whole_share_and_others_none()
     assert found == (pytest.approx(1.0), 0.0)
 
 
+def test_a_share_is_at_most_whole_where_some_costs_are_negative():
+    """Five steps that cost -0.1 and a last one that costs 1: twice what the episode cost, and no share of it."""
+    costs, ends = torch.full((T, N, 2), -0.1), torch.zeros(T, N, dtype=torch.bool)
+    costs[-1], ends[-1] = 1.0, True
+    assert shares_of(costs=costs, terminated=ends) == (1.0, 1.0)
+
+
 def test_a_cost_that_coincides_with_ends_by_chance_has_no_share():
     """Three of twelve steps are last ones, and of four costs one comes with them, as expected; then three of four."""
     ends, others = [(1, 0), (3, 0), (4, 1)], [(0, 0), (0, 1), (2, 1)]

@@ -253,6 +253,8 @@ def test_the_command_says_that_a_run_was_finished_before(finished: Path, capsys:
         ({"images": 8}, "images must be at least 16, not 8"),
         ({"epochs": 0}, "epochs must be at least 1, not 0"),
         ({"seed": -1}, "seed must be 0 or more, not -1"),
+        ({"world_seeds": ()}, "world_seeds needs at least one seed"),
+        ({"held_out_seeds": ""}, "held_out_seeds needs at least one seed"),
         ({"world_seeds": "5:5"}, "world_seeds: 5:5 holds no seed"),
     ],
 )

@@ -9,6 +9,7 @@ import pytest
 from thalweg.core import versions
 from thalweg.encoder import EncoderFileError, TrainingResult, VAEConfig
 from thalweg.encoder.files import read_tensors, write_tensors
+from thalweg.encoder.training import resolve_precision
 from thalweg.train.encoder import frames as frame_collection
 from thalweg.train.encoder.training import collect_and_train
 from thalweg.world import Reach
@@ -42,8 +43,21 @@ def test_a_finished_training_is_read_and_its_file_stays_as_it_is(tmp_path: Path,
     assert collected == [8] and again.already_finished and not first.already_finished
     assert again.path.read_bytes() == content
     assert (again.train_mse, again.held_out_mse, again.rows) == (first.train_mse, first.held_out_mse, first.rows)
+    assert collected == [8]
     first.path.unlink()  # as if it had been killed after its last epoch
     assert not train(tmp_path).already_finished and collected == [8, 8]
+
+
+def test_a_finished_training_is_read_on_a_processor_of_another_precision_and_an_unfinished_one_refused(
+    tmp_path: Path, collected: list[int], monkeypatch: pytest.MonkeyPatch
+):
+    first = train(tmp_path)
+    other = {"float32": "bfloat16", "bfloat16": "float32"}[resolve_precision("auto")]
+    monkeypatch.setattr("thalweg.train.encoder.training.resolve_precision", lambda _: other)
+    assert train(tmp_path).already_finished and collected == [8]
+    first.path.unlink()
+    with pytest.raises(EncoderFileError, match=rf"precision is '\w+' there and '{other}' here"):
+        train(tmp_path)
 
 
 @pytest.mark.parametrize(

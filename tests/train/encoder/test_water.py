@@ -152,6 +152,7 @@ def test_the_command_trains_and_says_from_where_it_resumes(
         (["--randomise"], "--target water is learnt under varied looks in any case: leave --randomise out"),
         (["--camera", "height_px=100"], "multiples of 16 for a finder of water, not 100 and 128"),
         (["--latent", "8"], "--latent does not go with --target water"),
+        (["--world-seeds", ""], "--world-seeds needs at least one seed"),
         (["--level", "medum"], "unknown level 'medum' (did you mean 'Medium'?)"),
         (["--epochs", "0"], "--epochs must be at least 1, not 0"),
     ],

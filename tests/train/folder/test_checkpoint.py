@@ -56,6 +56,18 @@ def test_the_step_to_resume_from_is_that_of_the_newest(tmp_path):
     assert newest_step(tmp_path) == 24576
 
 
+def test_a_checkpoint_that_was_renamed_is_none(tmp_path):
+    for step in (9, 1024):
+        save_checkpoint(tmp_path, step, {"at": step})
+    newest = tmp_path / "checkpoints" / "000000001024"
+    newest.rename(newest.with_name("000000001024.bad"))
+    assert newest_step(tmp_path) == 9 and (load_checkpoint(tmp_path) or (0,))[0] == 9
+    for step in (2048, 4096):
+        save_checkpoint(tmp_path, step, {})
+    names = sorted(path.name for path in newest.parent.iterdir())
+    assert names == ["000000001024.bad", "000000002048", "000000004096"]  # whose it is, stays
+
+
 @pytest.fixture
 def full_disk(monkeypatch):
     """A disk that takes no more, which shows when a file is synced."""

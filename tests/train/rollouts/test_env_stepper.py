@@ -1,6 +1,7 @@
 """Tests of the stepper, which gives the same transitions in every autoreset mode."""
 
 import math
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -127,6 +128,32 @@ def test_a_rollout_keeps_the_final_observation_of_what_ended_by_itself_too(mode:
     places = [divmod(int(i), 2) for i in rollout.final_index]
     assert places and sorted(map(tuple, rollout.terminated.nonzero().tolist())) == sorted(places)
     assert [final[1] for final in rollout.final_obs.tolist()] == [(3.0, 5.0)[env] for _, env in places]
+
+
+class Silent(gym.vector.VectorWrapper):
+    """Tells no last observation of its first environment."""
+
+    def step(self, actions: Any):
+        *rest, info = self.env.step(actions)
+        if "final_obs" in info:
+            info["final_obs"][0] = None
+        return *rest, info
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_a_last_observation_may_lack_where_an_episode_ended_by_itself_and_not_where_it_was_cut_off(cut: bool):
+    made = [lambda: Count(3, cut=cut), lambda: Count(3, cut=True)]
+    env = Silent(gym.vector.SyncVectorEnv(made, autoreset_mode=AutoresetMode.SAME_STEP))
+    stream = EnvStepper(env)
+    stream.reset(0)
+    stream.step(np.zeros(2, np.int64))
+    stream.step(np.zeros(2, np.int64))
+    if cut:
+        with pytest.raises(TrainingError, match="an episode was truncated, but info\\['final_obs'\\] has no"):
+            stream.step(np.zeros(2, np.int64))
+    else:
+        step = stream.step(np.zeros(2, np.int64))
+        assert step.finished.tolist() == [0, 1] and step.final_obs.tolist() == [[0.0, 0.0], [0.0, 3.0]]
 
 
 @pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)

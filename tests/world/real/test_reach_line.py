@@ -67,7 +67,7 @@ def test_a_ring_that_is_no_wider_than_a_sample_is_refused(tmp_path, smooth_m: fl
     turn = np.linspace(0, 2 * np.pi, 9)
     ring = from_metres(0.25 * np.stack([np.cos(turn), np.sin(turn)], axis=1))
     ring[-1] = ring[0]
-    with pytest.raises(WorldFileError, match="the line lies within 1.3 m of one place: choose a longer reach"):
+    with pytest.raises(WorldFileError, match=r"the line lies within 1\.3 m of one place: choose a longer reach"):
         read(tmp_path, feature(ring), smooth_m=smooth_m)
 
 

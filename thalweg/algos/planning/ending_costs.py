@@ -21,15 +21,15 @@ class EndingCosts:
     def shares(self) -> tuple[float, ...]:
         """e [M], the share of each cost that ended its episode; 0 for a cost that was never paid.
 
-        e = max(0, (s - p) / (1 - p)), for the share s that was paid in last steps and the share p of such steps: costs
-        that have nothing to do with the end come with it in p of the cases.
+        e = (s - p) / (1 - p), within 0..1, for the share s that was paid in last steps and the share p of such steps:
+        costs that have nothing to do with the end come with it in p of the cases. With costs below 0, s may be above 1.
         """
         steps, last = self._counts.tolist()
         chance = last / steps if steps else 0.0
         if chance == 1.0:
             return (1.0,) * self._sums.shape[1]
         seen = [part / total if total > 0.0 else 0.0 for total, part in self._sums.T.tolist()]
-        return tuple(max(0.0, (share - chance) / (1.0 - chance)) for share in seen)
+        return tuple(min(max(0.0, (share - chance) / (1.0 - chance)), 1.0) for share in seen)
 
     def update(self, rollout: Rollout) -> None:
         """Add the steps of a rollout; that of a truncation is not a last step."""

@@ -167,6 +167,9 @@ class GeometryTraining:
                 f"config predicts {len(self.config.targets)} quantities, but views of {', '.join(self.tasks)} have"
                 f" {len(self.targets)}: make it by geometry_config(tasks)"
             )
+        for name, seeds in (("world_seeds", self.seeds), ("held_out_seeds", self.judged_seeds)):
+            if not seeds:
+                raise EncoderInputError(f"{name} needs at least one seed")
         if self.grounds.river is None:
             refuse_unseen(self.seeds, "world_seeds", EncoderInputError)
         if shared := sorted(set(self.seeds) & set(self.judged_seeds)):

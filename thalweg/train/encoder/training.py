@@ -62,13 +62,13 @@ def collect_and_train(
         "seed": seed,
         "held_out": held_out,
         "images": images + held_out,
-        "precision": resolve_precision("auto"),
         "encoder_version": versions.ENCODER,
         **(identity := _identity(level, seeds, drawing)),
     }
     check_folder(folder, ENCODER_FOLDER, run)
     if (found := finished_training(folder, epochs)) is not None:
         return found
+    check_folder(folder, ENCODER_FOLDER, {**run, "precision": resolve_precision("auto")})
     frames = frame_collection.collect_frames(
         images + held_out,
         level=level,

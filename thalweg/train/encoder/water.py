@@ -110,6 +110,9 @@ class WaterTraining:
         for name in ("images", "held_out", "epochs"):
             if getattr(self, name) < 1:
                 raise EncoderInputError(f"{name} must be at least 1, not {getattr(self, name)}")
+        for name, seeds in (("world_seeds", self.world_seeds), ("held_out_seeds", self.held_out_seeds)):
+            if not seeds:
+                raise EncoderInputError(f"{name} needs at least one seed")
         if self.grounds.river is None:
             refuse_unseen(self.world_seeds, "world_seeds", EncoderInputError)
         if shared := set(self.world_seeds) & set(self.held_out_seeds):

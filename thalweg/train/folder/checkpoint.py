@@ -100,7 +100,7 @@ def newest_step(run_folder: Path) -> int | None:
 
 def _complete(parent: Path) -> list[Path]:
     """Return the folders of complete checkpoints, oldest first."""
-    return sorted(path for path in parent.glob("[0-9]*") if path.is_dir())
+    return sorted(path for path in parent.glob("[0-9]*") if path.name.isdecimal() and path.is_dir())
 
 
 def _arrays(state: dict[str, Any], path: str = "") -> Iterator[tuple[str, np.ndarray]]:

@@ -44,7 +44,7 @@ class CsvTable:
     def _read_header(self) -> list[str]:
         """Return the columns of the first line."""
         try:
-            return self._file.readline().decode().strip().split(",")
+            return next(csv.reader([self._file.readline().decode().strip()]), [])
         except UnicodeDecodeError as error:
             self._file.close()
             raise TrainingError(f"{self._path} is damaged: its first line is not text") from error

@@ -3,7 +3,7 @@
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from thalweg.core.machine import gpu_info, machine_info, package_versions
 from thalweg.core.run_folder import FolderKind
 from thalweg.core.yaml12 import load
 from thalweg.train.errors import TrainingError
+from thalweg.train.folder.checkpoint import SEPARATOR
 
 CONFIG, STATUS, POLICY = "config.yaml", "status.json", "policy.safetensors"
 PLUGIN = "plugin"
@@ -31,12 +32,14 @@ MADE_WITH = "made_with"
 """Key of config.yaml: versions of what the numbers of a run depend on beside those in its context."""
 RECORDED_LATER = ("privileged", "vehicles")
 """Of these, versions that older folders do not have, although nothing has changed since: where they lack, they pass."""
+CONTEXT_MAPPINGS = (*PLUGINS, "env", "river")
+"""Keys of a context that are mappings."""
 MAPPINGS = (
     ("run",),
     ("versions",),
     (MADE_WITH,),
     ("machine",),
-    *(("run", "context", key) for key in (*PLUGINS, "env", "river")),
+    *(("run", "context", key) for key in CONTEXT_MAPPINGS),
 )
 """Parts of config.yaml that are mappings where they are there."""
 STATUS_NUMBERS = ("steps", "episodes", "return_mean", "cost_mean", "cost_rate", "seconds")
@@ -83,9 +86,36 @@ def describe(identity: dict[str, Any], threads: int, learner: Mapping[str, int])
     }
 
 
+def check_context(context: Mapping[str, Any]) -> None:
+    """Raise `TrainingError` for a context that checkpoints, or config.yaml when it is read back, cannot hold."""
+    try:
+        json.dumps(context)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise TrainingError(f"context holds plain data only, as JSON has it: {error}") from error
+    for key in _keys(context):
+        if not isinstance(key, str) or SEPARATOR in key:
+            raise TrainingError(f"keys of context must be strings without {SEPARATOR!r}, got {key!r}")
+    for key in CONTEXT_MAPPINGS:
+        if key in context and not isinstance(context[key], Mapping):
+            raise TrainingError(f"context.{key} must be a mapping or left out, got {context[key]!r:.40}")
+
+
+def _keys(data: Any) -> Iterator[Any]:
+    """Yield the keys of all mappings in plain data."""
+    if isinstance(data, Mapping):
+        yield from data
+    for part in data.values() if isinstance(data, Mapping) else data if isinstance(data, list | tuple) else ():
+        yield from _keys(part)
+
+
+def config_text(description: dict[str, Any]) -> str:
+    """Return what `write_config` writes; raises `TrainingError` for anything but plain data."""
+    return _yaml(description)
+
+
 def write_config(folder: Path, description: dict[str, Any]) -> None:
     """Write config.yaml; raises `TrainingError` for anything but plain data, before the folder is created."""
-    write_atomic(folder / CONFIG, _yaml(description))
+    write_atomic(folder / CONFIG, config_text(description))
 
 
 def read_config(folder: Path) -> dict[str, Any] | None:

@@ -223,19 +223,21 @@ class EnvStepper:
     def _final_obs(
         self, next_obs: np.ndarray, finished: np.ndarray, truncated: np.ndarray, info: dict[str, Any]
     ) -> np.ndarray:
-        """Return the last observation [F, ...] of each finished episode."""
+        """Return the last observation [F, ...] of each finished episode; zeros where one ended by itself and the
+        environment tells none."""
         if self.mode is not AutoresetMode.SAME_STEP or not len(finished):
             return next_obs[finished]
-        final = info.get("final_obs")
-        if final is None or any(final[i] is None for i in finished):
-            # The last observation does not matter after a termination, but a truncated episode is bootstrapped from it.
-            if truncated.any():
-                raise TrainingError("an episode was truncated, but info['final_obs'] has no observation of it")
-            return np.zeros((len(finished), *self._shape), dtype=self._kind)
-        rows = np.stack([np.asarray(final[i], dtype=self._kind) for i in finished])
-        if rows.shape[1:] != self._shape:
-            needed = f"vectors of {self.obs_size} numbers" if self.images is None else f"images {self._shape}"
-            raise TrainingError(f"final_obs must be {needed}, got shape {rows.shape[1:]}")
+        final, rows = info.get("final_obs"), np.zeros((len(finished), *self._shape), dtype=self._kind)
+        for row, i in enumerate(finished):
+            if final is None or final[i] is None:
+                # It does not matter after a termination, but a truncated episode is bootstrapped from it.
+                if truncated[i]:
+                    raise TrainingError("an episode was truncated, but info['final_obs'] has no observation of it")
+                continue
+            if (last := np.asarray(final[i], dtype=self._kind)).shape != self._shape:
+                needed = f"vectors of {self.obs_size} numbers" if self.images is None else f"images {self._shape}"
+                raise TrainingError(f"final_obs must be {needed}, got shape {last.shape}")
+            rows[row] = last
         self._require_finite(final_obs=rows)
         return rows
 

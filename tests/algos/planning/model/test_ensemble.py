@@ -195,6 +195,14 @@ def test_refit_waits_for_its_steps_and_stops_without_improvement():
     assert fitter.fit(replay, 9) is None
 
 
+def test_a_refit_with_one_transition_which_is_held_out_takes_no_step():
+    ensemble, replay = ensemble_for(), ReplayBuffer(100, 0.2)
+    replay.add(batch_for(ensemble, 1))
+    before = ensemble.stack.flat.clone()
+    assert Fitter(ensemble, CCEPETSConfig(fitting="refit", refit_steps=1), generator()).fit(replay, 1) is None
+    assert torch.equal(ensemble.stack.flat, before)
+
+
 def test_refit_interval_does_not_depend_on_collections():
     ensemble, replay = ensemble_for(), ReplayBuffer(100, 0.2)
     replay.add(batch_for(ensemble, 20))

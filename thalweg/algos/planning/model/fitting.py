@@ -61,6 +61,8 @@ class Fitter:
         """Run epochs over the replay buffer, each model in its own order, until no held-out loss improves any more."""
         members, log = self.ensemble.stack.count, []
         training = replay.training_indices()
+        if not len(training):  # of one transition, which is held out
+            return []
         device, patience = training.device, self.config.refit_patience
         best = torch.full((members,), torch.inf, device=device)
         for _ in range(MAX_EPOCHS):

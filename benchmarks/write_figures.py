@@ -178,7 +178,8 @@ def gpu_speed() -> str:
     timed = any(row["what"].startswith("fly ") for row in speeds)
     flown = " `fly` those of a task with its frames of full quality," if timed else ""
     note = wrap(
-        f"Environment steps or frames a second, of all together, on an {rows[0]['card']} with 16 processor cores."
+        f"Steps or frames a second of as many environments or cameras together as the column says, on an"
+        f" {rows[0]['card']} with 16 processor cores."
         f" `encode` is the encoder alone, `step` the rules alone,{flown} and `train` draws frames of full quality,"
         f" encodes them, acts and learns. Of"
         f" {checked['cameras']} frames in {checked['worlds']} rivers"

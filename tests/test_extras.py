@@ -156,3 +156,16 @@ def test_an_extra_installs_nothing_that_the_package_does_not_name():
 
 def test_the_version_is_that_of_the_installation():
     assert thalweg.__version__ == importlib.metadata.version("thalweg")
+
+
+@pytest.mark.parametrize(
+    ("extras", "modules"),
+    [
+        ("learn,cli", "thalweg.cli.tables, thalweg.cli.evaluate, thalweg.bench.evaluate.evaluation"),
+        ("learn,cli,film", "thalweg.viewer.flight.filming, thalweg.bench.pictures.film"),
+    ],
+)
+def test_commands_of_the_readme_need_no_more_than_the_extras_that_it_names(extras: str, modules: str):
+    brought = {module for extra in extras.split(",") for module in EXTRAS[extra]}
+    ended = run_without([module for module in OPTIONAL if module not in brought], f"import {modules}")
+    assert ended.returncode == 0, ended.stderr

@@ -63,6 +63,28 @@ def test_a_policy_flies_in_the_mode_that_it_was_trained_in_unless_another_is_cho
     assert Evaluate("run", **given).config_for(policy).env.hard is hard
 
 
+@pytest.mark.parametrize(
+    ("given", "levels"),
+    [(None, ["Easy", "Medium-Deep", "Hard-Deep"]), ("uav", ["Easy", "Medium", "Hard"])],
+)
+def test_a_policy_of_a_boat_is_flown_as_a_boat_without_an_option(
+    given: Any, levels: list[str], monkeypatch: pytest.MonkeyPatch
+):
+    flown: list[tuple[str, str]] = []
+    policy = image_policy(env={"vehicle": "asv"})
+
+    def courses(_: Any, config: Any, river: str, **__: Any):
+        flown.append((river, config.env.vehicle))
+        return [], river
+
+    monkeypatch.setattr("thalweg.cli.evaluate.load_named_policy", lambda *_: policy)
+    monkeypatch.setattr("thalweg.cli.evaluate._encoder_for", lambda *_: None)
+    monkeypatch.setattr("thalweg.cli.evaluate._courses", courses)
+    monkeypatch.setattr("thalweg.cli.tables.print_tables", lambda *_, **__: None)
+    Evaluate("run", vehicle=given).run()
+    assert flown == [(level, given or "asv") for level in levels]
+
+
 def test_the_hard_mode_of_the_papers_task_is_refused():
     policy: Any = SimpleNamespace(about=SimpleNamespace(context={}), obs_size=16)
     with pytest.raises(ConfigError, match="hard must be False in the task River"):

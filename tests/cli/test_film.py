@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import pytest
 from tests.cli.calibration import LENS
 from thalweg.bench.pictures.film import FRAMES_PER_S, HOLD_S
 from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX
+from thalweg.cli.flight_options import ChosenFlight
 from thalweg.cli.main import main
 from thalweg.cli.views import camera_from
 from thalweg.core.video import read_video
@@ -108,3 +111,24 @@ def test_a_wrong_option_is_refused_before_anything_is_flown(
     assert main(["film", *options]) == 2
     assert error in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("trained", "given", "expected"),
+    [
+        ({"task": "Nests", "hard": True}, {}, {"task": "Nests", "hard": True, "level": "Medium"}),
+        ({"task": "Nests", "hard": True}, {"task": "River"}, {"task": "River", "hard": False}),
+        ({"vehicle": "asv"}, {}, {"vehicle": "asv", "level": "Medium-Deep"}),
+        ({"vehicle": "asv"}, {"vehicle": "uav"}, {"vehicle": "uav", "level": "Medium"}),
+        ({"dynamics": "inertial", "action": "continuous"}, {}, {"dynamics": "inertial", "action": "continuous"}),
+        ({}, {}, {"task": "River", "hard": False, "vehicle": "uav", "dynamics": "kinematic"}),
+    ],
+    ids=str,
+)
+def test_a_policy_flies_what_it_was_trained_on_unless_something_else_is_chosen(
+    trained: dict[str, Any], given: dict[str, Any], expected: dict[str, Any]
+):
+    policy: Any = SimpleNamespace(about=SimpleNamespace(context={"env": trained}))
+    _, options = ChosenFlight(**given).chosen(64, policy)
+    assert {name: getattr(options, name) for name in expected} == expected
+    assert ChosenFlight().chosen(64)[1] == FlightOptions(size_px=64)

@@ -1,6 +1,7 @@
 """Tests of training under wind, current and inertia: what its policies say, and where they may fly."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -8,13 +9,16 @@ import yaml
 
 from tests.env.handmade import ring
 from tests.env.winds import wind_of
+from thalweg.algos.policy.actions import actions_of
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label, evaluate
 from thalweg.cli.evaluate import Evaluate
 from thalweg.core import versions
 from thalweg.env import EnvConfig
+from thalweg.env.config import Dynamics
 from thalweg.env.forces.options import ForceOptions
 from thalweg.env.rivers import river_list
+from thalweg.env.spaces import action_space
 from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
 from thalweg.train.observations import check_policy_fits, forces_of
@@ -65,6 +69,28 @@ def test_a_policy_of_velocities_flies_with_inertia_only(tmp_path: Path):
 def test_a_policy_of_steps_is_refused_where_velocities_are_commanded(tmp_path: Path):
     with pytest.raises(TrainingError, match="the flight takes continuous actions, as inertial dynamics do"):
         check_policy_fits(trained(tmp_path, ForceOptions()), None, action="continuous")
+
+
+@pytest.mark.parametrize(("trained_with", "flown_with"), [("inertial", "kinematic"), ("kinematic", "inertial")])
+def test_continuous_steps_and_velocities_are_not_taken_for_one_another(trained_with: Dynamics, flown_with: str):
+    rules = ForceOptions(dynamics=trained_with).applied(EnvConfig(action="continuous"))
+    policy: Any = SimpleNamespace(
+        about=SimpleNamespace(
+            context={
+                "observation": "privileged",
+                "privileged_version": versions.PRIVILEGED,
+                "forces_version": versions.FORCES,
+                "env": rules.as_data(),
+            }
+        ),
+        actions=actions_of(action_space("continuous"), "native", "gaussian"),
+        obs_size=37,
+        frame_stack=1,
+    )
+    check_policy_fits(policy, None, action="continuous", dynamics=trained_with)
+    check_policy_fits(policy, None, action="continuous")  # to begin a training with, say
+    with pytest.raises(TrainingError, match=f"with {trained_with} dynamics, but here it would fly with {flown_with}"):
+        check_policy_fits(policy, None, action="continuous", dynamics=flown_with)
 
 
 def test_a_policy_of_other_forces_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -36,8 +36,8 @@ class Evaluate(Command):
     """Seed of the plants and hills; only with --river."""
     world_seeds: tuple[str, ...] = ()
     """Seeds of rivers of each level, such as 0 5 1000:1016 (1016 excluded); by default that of its fixed river."""
-    vehicle: Literal["uav", "asv"] = "uav"
-    """`uav` flies; `asv` is a boat, for Easy, Medium-Deep and Hard-Deep."""
+    vehicle: Literal["uav", "asv"] | None = None
+    """`uav` flies; `asv` is a boat, for Easy, Medium-Deep and Hard-Deep. By default that of the policy's training."""
     episodes: int = 20
     """Number of starts per river, each flown once."""
     starts_seed: int = 0
@@ -66,7 +66,7 @@ class Evaluate(Command):
     shield: bool = False
     """Replace moves that would leave the water remembered from past masks; results say so, and are apart."""
     encoder: Path | None = None
-    """`default`, `geometry`, a file or the folder of its run, for policies that see codes; by default their own."""
+    """`default`, `geometry`, `geometry-tasks`, a file or a run's folder, for policies of codes; usually their own."""
     out: Path | None = None
     """Also write one row per episode to this .csv file, replacing it."""
     device: str = "cpu"
@@ -80,7 +80,7 @@ class Evaluate(Command):
         from thalweg.cli.flown_camera import flown_camera
         from thalweg.env import EnvConfig
         from thalweg.env.tasks import PAPER_TASK
-        from thalweg.train.observations import action_of, flies_hard, forces_of, task_of
+        from thalweg.train.observations import action_of, flies_hard, forces_of, task_of, vehicle_of
 
         task = checked_task(self.task or task_of(policy))
         inherited = task != PAPER_TASK and not self.no_hard and flies_hard(policy)
@@ -88,7 +88,7 @@ class Evaluate(Command):
             observation="none",
             task=task,
             hard=self.hard or inherited,
-            vehicle=self.vehicle,
+            vehicle=self.vehicle or vehicle_of(policy),
             action=action_of(policy),
             camera=flown_camera(policy, self.policy, self.camera),
         )
@@ -102,7 +102,6 @@ class Evaluate(Command):
 
     def run(self) -> int:
         from thalweg.core.compute.device import resolve_device
-        from thalweg.env.vehicle.levels import LEVELS_OF
 
         if self.sample and self.deterministic:
             raise UsageError("give --sample or --deterministic, not both")
@@ -123,16 +122,16 @@ class Evaluate(Command):
             )
             raise UsageError(f"--world-seeds does not go with {other}")
         resolve_device(self.device)  # before a river is built
-        levels = [self.river.on_banks(level) for level in self.levels or LEVELS_OF[self.vehicle]]
+        levels = [self.river.on_banks(level) for level in self.levels]
         evaluate_and_print(self, levels if reach is None else (reach,))
         return 0
 
 
 def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> None:
-    """Fly on levels, by name, or on a real river; print the tables, and write the rows if asked to."""
+    """Fly on levels, by name, by default all of the vehicle, or on a real river; print the tables, and write the rows
+    if asked to."""
     from rich.console import Console
 
-    from thalweg.bench.csv_files import ResultsError
     from thalweg.bench.evaluate.baselines import DRAWN, sight_of
     from thalweg.bench.evaluate.episodes import Episode, write_episodes
     from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
@@ -145,14 +144,10 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
     from thalweg.render import Randomisation
     from thalweg.train.fast_steps import other_steps_in_words
     from thalweg.train.observations import context_of
-    from thalweg.world import Reach, level_named
 
     console = make_console()
-    rivers = [river if isinstance(river, Reach) else level_named(river).name for river in rivers]
-    for river in rivers:
-        if rivers.count(river) > 1:
-            raise ResultsError(f"--levels names {river} twice; each level is flown once")
-    policy = load_named_policy(command.policy, command.vehicle)
+    policy = load_named_policy(command.policy, command.vehicle or "uav")
+    rivers = _named_once(rivers or _usual_levels(command, policy))
     if command.sample:
         policy = sampling(policy, command.policy)
     config = command.config_for(policy)  # what does not go together is refused before anything is loaded
@@ -188,6 +183,26 @@ def evaluate_and_print(command: Evaluate, rivers: "Sequence[str | Reach]") -> No
         console.print(f"The shield replaced {vetoes:,} of {steps:,} moves.", highlight=False)
     if command.out is not None:
         console.print(f"One row per episode: {command.out}", highlight=False, markup=False)
+
+
+def _usual_levels(command: Evaluate, policy: "Policy | RecurrentPolicy") -> list[str]:
+    """Return the names of the levels of the vehicle that is steered, on the banks that are asked for."""
+    from thalweg.env.vehicle.levels import LEVELS_OF
+    from thalweg.train.observations import vehicle_of
+
+    return [command.river.on_banks(level) for level in LEVELS_OF[command.vehicle or vehicle_of(policy)]]
+
+
+def _named_once(rivers: "Sequence[str | Reach]") -> "list[str | Reach]":
+    """Return rivers with the usual spelling of levels; raises `ResultsError` for one that is named twice."""
+    from thalweg.bench.csv_files import ResultsError
+    from thalweg.world import Reach, level_named
+
+    named = [river if isinstance(river, Reach) else level_named(river).name for river in rivers]
+    for river in named:
+        if named.count(river) > 1:
+            raise ResultsError(f"--levels names {river} twice; each level is flown once")
+    return named
 
 
 def _is_papers_study(policy: "Policy | RecurrentPolicy", rules: "EnvConfig") -> bool:
@@ -245,7 +260,8 @@ def _encoder_for(policy: "Policy | RecurrentPolicy", command: Evaluate, rules: "
         )
     file = encoder_of(policy) if sight == "frames" and command.encoder is None else command.encoder
     encoder = load_compatible_encoder(file, command.device) if sight == "frames" else None
-    check_policy_fits(policy, encoder, task=rules.task, vehicle=rules.vehicle, action=rules.action)
+    fits = {"task": rules.task, "vehicle": rules.vehicle, "action": rules.action, "dynamics": rules.dynamics}
+    check_policy_fits(policy, encoder, **fits)
     return encoder
 
 

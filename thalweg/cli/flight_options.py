@@ -20,12 +20,12 @@ class ChosenFlight(Command):
     river: River = NO_FILE
     seed: int = 0
     """Seed of the flight: its start, and what moves in it."""
-    task: str = "River"
-    """River, Swimmers, Nests, RacingLine or Portage."""
-    vehicle: Literal["uav", "asv"] = "uav"
-    """`uav` flies; `asv` is a boat, for Easy, Medium-Deep and Hard-Deep."""
+    task: str | None = None
+    """River, Swimmers, Nests, RacingLine or Portage; by default that on which the policy was trained, else River."""
+    vehicle: Literal["uav", "asv"] | None = None
+    """`uav` flies; `asv` is a boat, for Easy, Medium-Deep and Hard-Deep. By default that of the policy, else `uav`."""
     action: Literal["multidiscrete", "continuous"] | None = None
-    """Kind of actions, by default that of the policies; sticks of gamepads are proportional with continuous ones."""
+    """Kind of actions, by default that of the policies."""
     look: str = "as trained"
     """Appearance: as trained, autumn, mist, overcast, brown water, still water, poor camera or random."""
     wind: float = 0.0
@@ -34,26 +34,33 @@ class ChosenFlight(Command):
     """Quality of the frames; `fast` reflects only the sky, filters less, and interpolates the ground."""
     plugin: Plugins = ()
 
-    def chosen(self, size_px: int) -> tuple[Any, Any]:
+    def chosen(self, size_px: int, like: Any = None) -> tuple[Any, Any]:
         """Return the rivers that can be flown, `Rivers`, and the options of the flight, `FlightOptions`.
 
-        Raises `UsageError`, `ViewerError`, `WorldError` and `ConfigError` for options that are wrong or do not go
-        together, before anything is built.
+        Task, with its hard mode, vehicle and dynamics are those that the policy `like` was trained with, as far as
+        options do not say; those of the paper's task for None. Raises `UsageError`, `ViewerError`, `WorldError` and
+        `ConfigError` for options that are wrong or do not go together, before anything is built.
         """
+        from thalweg.env.tasks import PAPER_TASK
         from thalweg.viewer.flight.options import FlightOptions
         from thalweg.viewer.flight.rivers import Rivers
         from thalweg.world import level_named
 
+        trained = {} if like is None else _trained_with(like)
+        task = checked_task(self.task or trained.get("task", PAPER_TASK))
+        vehicle = self.vehicle or trained.get("vehicle", "uav")
         reach = self.river.reach("--level", self.level, levels_have_banks=True)
-        named = self.river.on_banks(self.level or DEFAULT_LEVEL[self.vehicle])
+        named = self.river.on_banks(self.level or DEFAULT_LEVEL[vehicle])
         level = level_named(named).name if reach is None else reach.name
         options = FlightOptions(
             level=level,
             world_seed=self.world_seed,
             seed=self.seed,
-            task=checked_task(self.task),
-            vehicle=self.vehicle,
-            action=self.action or "multidiscrete",
+            task=task,
+            hard=task != PAPER_TASK and trained.get("hard", False),
+            vehicle=vehicle,
+            action=self.action or trained.get("action", "multidiscrete"),
+            dynamics=trained.get("dynamics", "kinematic"),
             look=self.look,
             wind_m_per_s=self.wind,
             quality=self.quality,
@@ -78,6 +85,20 @@ class ChosenFlight(Command):
                     )
                 return replace(options, action="continuous")
         return options
+
+
+def _trained_with(policy: Any) -> dict[str, Any]:
+    """Return the options of a flight with which a policy was trained."""
+    from thalweg.train.observations import flies_hard, forces_of, task_of, vehicle_of
+
+    dynamics = forces_of(policy).dynamics
+    return {
+        "task": task_of(policy),
+        "hard": flies_hard(policy),
+        "vehicle": vehicle_of(policy),
+        "dynamics": dynamics,
+        **({"action": "continuous"} if dynamics == "inertial" else {}),
+    }
 
 
 def free_name(given: str, taken: Collection[str]) -> str:

@@ -43,12 +43,12 @@ class FlownFlight(ChosenFlight):
         from thalweg.viewer.flight.flyers import HAND, PILOTS, REPLAY
         from thalweg.viewer.flight.recording import Folder
 
-        rivers, options = self.chosen(size_px)
         piloted = self.flight in PILOTS
         name = self.flight if piloted else free_name(self.flight, (HAND, REPLAY, *PILOTS))
-        policies = {} if piloted else {name: cache(partial(load_named_policy, self.flight, self.vehicle))}
-        for one in policies.values():  # its errors show before anything is built
-            options = self.with_actions_of(options, {self.flight: one()})
+        policies = {} if piloted else {name: cache(partial(load_named_policy, self.flight, self.vehicle or "uav"))}
+        given = None if piloted else policies[name]()  # its errors show before anything is built
+        rivers, options = self.chosen(size_px, given)
+        options = options if piloted else self.with_actions_of(options, {self.flight: given})
         cockpit = Cockpit(policies, Folder(folder), name)
         for change in changes:
             flown = replace(options, **change)

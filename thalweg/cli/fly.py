@@ -44,10 +44,11 @@ class Fly(ChosenFlight):
         from thalweg.viewer.server.guard import new_token
 
         self._check()
-        rivers, options = self.chosen(self.size)
         policies = self._loaders()
         named = [given for given in self.policies if given not in PILOTS]  # whose loaders come first
         loaded = {given: load() for given, load in zip(named, policies.values(), strict=False)}
+        first = self.policies[0] if self.policies else None
+        rivers, options = self.chosen(self.size, loaded.get(first))
         options = self.with_actions_of(options, loaded)
         pilot = HAND
         if self.policies:
@@ -84,7 +85,7 @@ class Fly(ChosenFlight):
 
         loaders: dict[str, Callable[[], Any]] = {}
         for given in (name for name in self.policies if name not in PILOTS):  # these are there anyway
-            load = cache(partial(load_named_policy, given, self.vehicle))
+            load = cache(partial(load_named_policy, given, self.vehicle or "uav"))
             load()
             others = (HAND, REPLAY, *PILOTS, *(name for name in PACKAGED_POLICIES if name != given))
             loaders[free_name(given, (*loaders, *others))] = load

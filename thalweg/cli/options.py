@@ -23,7 +23,7 @@ class RiverFile:
     """Options for a real river, used instead of a level."""
 
     river: Annotated[Path | None, arg(aliases=["--geojson"])] = None
-    """File of a real river, used instead of a level: GeoJSON, Overpass JSON, GPX or KML; see docs/your-river.md."""
+    """File of a real river instead of a level, for bench a further condition: GeoJSON, Overpass JSON, GPX or KML."""
     width_m: float | None = None
     """Width in metres, used where the file has none."""
     start_m: float | None = None
@@ -43,7 +43,7 @@ class RiverFile:
     open_water: bool = False
     """Leave out the bridges and islands of the file."""
     banks: tuple[str, ...] = ()
-    """Kinds of the banks, also of a level's river: meadow, reeds or quay, or reaches such as quay_120-180_left."""
+    """Kinds of banks, also of a level, but for bench: meadow, reeds or quay, or reaches such as quay_120-180_left."""
 
     def reach(self, level_option: str, level: str | Sequence[str] | None, *, levels_have_banks: bool = False) -> Any:
         """Return the selected `thalweg.world.Reach`, or None if no file is given.

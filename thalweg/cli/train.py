@@ -28,9 +28,9 @@ class Train(Command):
     out: Path | None = None
     """Folder of the run; needed except with --set help."""
     algorithm: str = "FOCOPS"
-    """PPO, PPOLag, FOCOPS, P3O, OnCRPO, CPO, CUP, DDPGLag, TD3Lag, SACLag, CCEPETS or SafeLOOP."""
+    """PPO, PPOLag, FOCOPS, P3O, OnCRPO, CPO, CUP, DDPGLag, TD3Lag, SACLag, CCEPETS or SafeLOOP; also as `train PPO`."""
     level: tuple[str, ...] = ()
-    """Easy, Medium or Hard, or several of them. Medium by default."""
+    """Easy, Medium or Hard, or several of them. Medium by default, for the boat Medium-Deep."""
     world_seeds: tuple[str, ...] = ()
     """Seeds of rivers of each level, such as 0 5 1000:1016 (1016 excluded); by default that of its fixed river."""
     rivers: Literal["auto", "fixed", "episode"] = "auto"

@@ -2,9 +2,9 @@
 
 EXTRAS = {
     "learn": ("torch", "filelock", "tensorboard", "rich"),
-    "cli": ("tyro", "rich"),
+    "cli": ("tyro", "rich", "pandas"),
     "plot": ("matplotlib", "pandas", "jinja2"),
-    "film": ("imageio_ffmpeg",),
+    "film": ("imageio_ffmpeg", "matplotlib"),
     "geo": ("shapely", "pyproj", "gpxpy", "defusedxml"),
     "viewer": ("starlette", "uvicorn", "websockets"),
     "record": ("pyarrow", "minari", "h5py", "pandas", "imageio_ffmpeg"),

@@ -70,6 +70,11 @@ def task_of(policy: Any) -> str:
     return context_of(policy).get("env", {}).get("task", "River")
 
 
+def vehicle_of(policy: Any) -> str:
+    """Return the vehicle that a policy was trained for, `uav` if it does not say it."""
+    return context_of(policy).get("env", {}).get("vehicle", "uav")
+
+
 def flies_hard(policy: Any) -> bool:
     """Return whether a policy was trained in the hard mode of its task, see `EnvConfig.hard`."""
     return bool(context_of(policy).get("env", {}).get("hard", False))
@@ -108,6 +113,7 @@ def check_policy_fits(
     task: str = "River",
     vehicle: str = "uav",
     action: str = "multidiscrete",
+    dynamics: str | None = None,
 ) -> None:
     """Raise `TrainingError` unless a policy fits an observation and the actions of the river task.
 
@@ -115,7 +121,7 @@ def check_policy_fits(
     the privileged observation, which differs by `task` and `vehicle`, for any other. `proprioception` is whether that
     is offered too, by default to a policy that takes it. A policy without spaces, such as a baseline, always fits. The
     vehicle must be the one that the policy was trained for. `action` is the kind of actions that are executed, see
-    `EnvConfig.action`.
+    `EnvConfig.action`, and `dynamics` what they command: steps or velocities; None for either.
     """
     context, seen = context_of(policy), observation_of(policy)
     if encoder is not None:
@@ -137,6 +143,12 @@ def check_policy_fits(
     trained_for = context.get("env", {}).get("vehicle", "uav")
     if context and trained_for != vehicle:
         raise TrainingError(f"the policy was trained for the vehicle {trained_for}, not {vehicle}")
+    commands = forces_of(policy).dynamics
+    if "env" in context and dynamics not in (None, commands) and getattr(policy, "actions", None) is not None:
+        raise TrainingError(
+            f"the policy was trained with {commands} dynamics, but here it would fly with {dynamics} ones: what it"
+            " commands means something else there"
+        )
     _check_inputs(policy, offered, encoder, (task, vehicle))
     _check_actions(getattr(policy, "actions", None), action)
     trained_with = context.get("encoder")

@@ -104,7 +104,7 @@ def test_the_leaderboard_lists_functions_apart_with_version_and_source(
     source = planned.policies[0].policy.source
     assert (entry.trained, entry.missing, entry.made_by) == (False, (), f"ahead 1 ({source})")
     page = leaderboard([tmp_path / "results"])
-    assert "No row is complete yet." in page
+    assert "No policy that sees frames has a complete row yet." in page
     section = page.partition("## Not trained here")[2]
     assert "| 1 | ahead (privileged) | results |" in section and f"| current; ahead 1 ({source}) |" in section
 

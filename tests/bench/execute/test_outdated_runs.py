@@ -270,7 +270,7 @@ def test_old_results_stay_shown_until_the_new_ones_are_finished_and_are_mixed_wi
     assert pairwise_table(outcome.results).text.empty  # current and outdated results are not compared
     assert list(limit_table(outcome.results).text["policy"]) == ["PPO", *old.values()]
     lines = leaderboard([folder])
-    assert "No row is complete yet." in lines
+    assert "No policy that sees frames has a complete row yet." in lines
     found = {(entry.policy, entry.versions): entry for entry in entries(folder)}
     assert set(found) == {("PPO", "current"), ("PPO", newer_frames), ("FOCOPS", newer_frames)}
     assert found["PPO", newer_frames].missing == ("current versions",)

@@ -103,7 +103,7 @@ def test_what_a_suite_does_not_ask_for_is_lacking(tmp_path: Path, suite: Suite, 
     folder = write(tmp_path / "mine", suite)
     assert missing(folder) == words
     page = leaderboard([folder])
-    assert "No row is complete yet." in page
+    assert "No policy that sees frames has a complete row yet." in page
     assert f"| {'; '.join(words)} |" in page
 
 
@@ -214,7 +214,7 @@ def test_policies_of_the_privileged_observation_are_ranked_among_themselves(tmp_
         [("1", "FOCOPS (privileged)", "eye"), ("2", "P3O (privileged)", "eye"), ("3", "PPO (privileged)", "eye")],
     ]
     assert "## With the privileged observation" not in leaderboard(folders[:1])
-    assert "No row is complete yet." in leaderboard(folders[1:])
+    assert "No policy that sees frames has a complete row yet." in leaderboard(folders[1:])
 
 
 def test_policies_of_images_are_ranked_with_those_of_frames_and_say_which_images(tmp_path: Path):

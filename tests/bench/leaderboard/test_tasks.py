@@ -172,7 +172,10 @@ def test_a_front_of_other_tasks_is_not_compared_with(tmp_path: Path, monkeypatch
 
 def test_the_page_has_tasks_beside_the_papers_task(tmp_path: Path):
     page = leaderboard([write(tmp_path / "nests")])
-    assert "### Nests, with the privileged observation" in page and "No row is complete yet." not in page
+    assert (
+        "### Nests, with the privileged observation" in page
+        and "No policy that sees frames has a complete row yet." not in page
+    )
     seeing = replace(SUITE, name="seen", observation="frames")
     folder = write(tmp_path / "seen", seeing)
     record_current_versions(folder, {arm.label: arm.algorithm for arm in seeing.arms}, task="Nests")

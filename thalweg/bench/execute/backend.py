@@ -151,7 +151,8 @@ class RiverBackend:
         """Return the observation function for each course; None for a policy for which nothing is drawn."""
         sees = sight_of(policy)
         encoder = self.encoder(run) if sees == "frames" else None
-        check_policy_fits(policy, encoder, task=self.suite.task, action=self.suite.rules.action)
+        rules = self.suite.rules
+        check_policy_fits(policy, encoder, task=rules.task, action=rules.action, dynamics=rules.dynamics)
         shielded = trial.condition.shield
         if shielded:
             check_masks(policy, encoder)

@@ -85,7 +85,10 @@ def _papers_sections(found: Sequence[Entry]) -> Iterable[str]:
     """Yield the paragraphs about policies of the paper's task, the best first."""
     complete = [entry for entry in found if not entry.missing]
     alone = [entry for entry in complete if entry.trained and not entry.taught]
-    yield _ranked([entry for entry in alone if not entry.privileged]) or "No row is complete yet.\n"
+    yield (
+        _ranked([entry for entry in alone if not entry.privileged])
+        or "No policy that sees frames has a complete row yet.\n"
+    )
     requirements = "\n".join(f"- {line};" for line in REQUIREMENTS).removesuffix(";") + "."
     yield f"A row shows\n\n{requirements}\n"
     for title, note, rows in (

@@ -29,7 +29,8 @@ class PolicyFlyer:
         self._encoder: Encoder | None = None
         if self._sees == "frames":
             self._encoder = load_compatible_encoder(encoder_of(policy))
-        check_policy_fits(policy, self._encoder, task=options.task, vehicle=options.vehicle, action=action_of(policy))
+        fits = {"task": options.task, "vehicle": options.vehicle, "dynamics": options.dynamics}
+        check_policy_fits(policy, self._encoder, action=action_of(policy), **fits)
         self._numbers = action_of(policy) == "continuous"
         if self._numbers and flight.env.config.action != "continuous":
             raise TrainingError(

@@ -35,6 +35,7 @@ from package_flight import NAMES
 from page_sections import replace_section
 from river_flights import RESULTS, append, figures_of, fly, fly_cells, mean_return
 
+from thalweg.algos import AlgorithmError
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.baselines import BASELINES, Policy
 from thalweg.bench.evaluate.conditions import RIVERS
@@ -144,7 +145,8 @@ def student_folder(runs: Path, cell: Cell, trainings: int | None = None) -> Path
     `trainings`: how many of its `stages` it has had; None: all.
     """
     learnt = stages(cell.policy, cell.steps)[:trainings]
-    made_with = hashlib.sha256(repr((WORLD_SEEDS, VERSIONS, learnt)).encode()).hexdigest()[:8]
+    trained_with = {name: number for name, number in VERSIONS.items() if name != "evaluation"}
+    made_with = hashlib.sha256(repr((WORLD_SEEDS, trained_with, learnt)).encode()).hexdigest()[:8]
     return runs / f"{cell.policy.replace('+', '-')}-{cell.steps}-{cell.seed}-{made_with}"
 
 
@@ -211,16 +213,16 @@ def measure(cell: Cell, path: Path | None) -> dict[str, str]:
 def page_table(rows: Sequence[dict[str, str]]) -> str:
     """Return the table of the page: a line for each policy, kind of flights and river, of today's versions alone.
 
-    Of one seed the row of the longest training and of the most episodes counts. Returns are means over seeds, with
-    95 % intervals from three seeds on; violations are the share of flights, see `_violations`.
+    Of each line only the longest trainings and the most episodes count, so that trials leave it as it is. Returns are
+    means over seeds, with 95 % intervals from three seeds on; violations are the share of flights, see `_violations`.
     """
     rows = [row for row in rows if all(row[name] == str(version) for name, version in VERSIONS.items())]
     lines = []
     for policy, kind in itertools.product(dict.fromkeys(row["policy"] for row in rows), KINDS):
         for level in levels_of(kind):
             same = [row for row in rows if (row["policy"], row["kind"], row["level"]) == (policy, kind, level)]
-            same.sort(key=lambda row: (int(row["steps"]), int(row["episodes"])))
-            cells = list({row["seed"]: row for row in same}.values())
+            most = max(map(_amount, same), default=(0, 0))
+            cells = [row for row in same if _amount(row) == most]
             if cells:
                 lines.append([policy, kind, level, str(len(cells)), str(mean_return(cells)), _violations(cells)])
     return markdown(frame(["policy", "flights", "level or river", "seeds", "return", "violations"], lines))
@@ -245,6 +247,11 @@ def packaged_table(rows: Sequence[dict[str, str]]) -> str:
     ]
     header = ["policy", "flights", *(f"{level}: return, violations" for level in LEVELS)]
     return markdown(frame(header, lines))
+
+
+def _amount(row: dict[str, str]) -> tuple[int, int]:
+    """Return steps and episodes of a row."""
+    return int(row["steps"]), int(row["episodes"])
 
 
 def _violations(cells: Sequence[dict[str, str]]) -> str:
@@ -290,6 +297,10 @@ def main() -> str | None:
         return None
     done = {tuple(row[name] for name in KEY) for row in rows}
     if given.policy:
+        try:
+            policy_file(given.policy).stat()
+        except (AlgorithmError, OSError) as error:
+            parser.error(f"--policy: {error}")
         students = [(file_hash(policy_file(given.policy)), 0, 0)]
     else:
         seen = [each for each in given.observations if each != TEACHER]

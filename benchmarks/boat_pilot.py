@@ -32,8 +32,8 @@ TABLE = Path(__file__).resolve().with_suffix(".csv")
 VERSIONS = {"world": str(versions.WORLD), "rules": str(versions.RULES), "vehicles": str(versions.VEHICLES)}
 """What a row depends on, by its columns."""
 COLUMNS = ("level", "seed", "return", "tight", "loose", "shallow", "length", "reason", *VERSIONS)
-SEEDS = "3000:3300"
-"""Seeds of the rivers of each level."""
+SEEDS, PLANNED = "3000:3300", 300
+"""Seeds of the rivers of each level, and their number."""
 TOGETHER = 25
 """Rivers that are run at a time, after which the table is written."""
 
@@ -69,12 +69,18 @@ def page_section(rows: Sequence[dict[str, str]]) -> str:
     """Return the table of the page, a line for each level: rivers, the least return, rivers without any cost, and the
     greatest length."""
     lines = []
-    for level in dict.fromkeys(row["level"] for row in rows):
+    for level in BOAT_IDS if rows else ():
         own = [row for row in rows if row["level"] == level]
         free = sum(all(float(row[kind]) == 0.0 for kind in ("tight", "loose", "shallow")) for row in own)
+        if not own:
+            lines.append([level, f"0 of {PLANNED}", *["not measured"] * 3])
+            continue
         least = min(float(row["return"]) for row in own)
         longest = max(int(row["length"]) for row in own)
-        lines.append([level, str(len(own)), f"{least:.2f}", str(free), str(longest)])
+        count = str(len(own)) if len(own) >= PLANNED else f"{len(own)} of {PLANNED}"
+        lines.append([level, count, f"{least:.2f}", str(free), str(longest)])
+    if not lines:
+        return "Nothing was measured with today's versions.\n"
     header = ["level", "rivers", "least return", "rivers at no cost", "longest, in steps"]
     return f"{markdown(frame(header, lines))}\n"
 
@@ -92,7 +98,10 @@ def main() -> None:
         section = page_section(current_rows(given.out))
         write_atomic(PAGE, replace_section(PAGE.read_text(encoding="utf-8"), "pilot", section))
         return
-    seeds = parse_seeds(given.seeds, "--seeds", ValueError)
+    try:
+        seeds = parse_seeds(given.seeds, "--seeds", ValueError)
+    except ValueError as error:
+        parser.error(str(error))
     rows = current_rows(given.out)
     for level in given.levels:
         known = {int(row["seed"]) for row in rows if row["level"] == level}

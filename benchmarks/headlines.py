@@ -55,8 +55,8 @@ def who_flies(results: Results) -> Headline:
     theirs = {name: PUBLISHED[name, level].return_mean for name in STUDIED}
     fewer = [name for name in dict.fromkeys((*STUDIED, *BESIDE, *names)) if not is_whole(results, name)]
     sentence = (
-        f"Of the {len(names)} algorithms flown, {len(flying)} learn to fly, that is, return at least {FLIES:g} of 10 on"
-        f" {level}, or {PLANNER_FLIES:g} if they are planners:"
+        f"Of the {len(names)} algorithms flown, {len(flying)} {_verb(flying, 'learn')} to fly, that is, return at least"
+        f" {FLIES:g} of 10 on {level}, or {PLANNER_FLIES:g} if they are planners:"
         f" {listed([f'{name} {found[name]}' for name in flying]) or 'none'}."
     ) + _who_flies_in_the_paper(theirs)
     if fewer:
@@ -147,14 +147,20 @@ def limit(results: Results) -> Headline | None:
     above = [name for name in names if limit_met(costs[name]) == "no"]
     sentence = (
         f"On {train_level(results)}, of the {len(names)} algorithms that have the cost limit of {COST_LIMIT:g} and"
-        f" three seeds, {listed(met) or 'none'} certainly meet it (with the whole confidence interval), and"
-        f" {listed(above) or 'none'} certainly exceed it. {_cost_without_limit(results, base, names)}"
+        f" three seeds, {listed(met) or 'none'} certainly {_verb(met, 'meet')} it (with the whole confidence interval),"
+        f" and {listed(above) or 'none'} certainly {_verb(above, 'exceed')} it."
+        f" {_cost_without_limit(results, base, names)}"
         f" {critics_in_words(results, labels)}"
     )
     series = {"cost": tuple(costs.values())}
     return Headline(
         "limit", "The limit of the paper's task", sentence, labels, series, "mean cost of an episode", line=COST_LIMIT
     )
+
+
+def _verb(names: Sequence[str], verb: str) -> str:
+    """Return a verb in the number of its subjects; none at all are several."""
+    return f"{verb}s" if len(names) == 1 else verb
 
 
 def _cost_without_limit(results: Results, base: str, names: Sequence[str]) -> str:

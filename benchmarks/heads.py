@@ -128,8 +128,9 @@ class Trial:
 
     @property
     def folder(self) -> str:
-        """Name of the folder of its run."""
-        return "-".join(self.key)
+        """Name of the folder of its run, whichever flights follow."""
+        identity = dict(zip(KEY, self.key, strict=True))
+        return "-".join(value for name, value in identity.items() if name not in ("episodes", "evaluation"))
 
     def measure(self, runs: Path) -> dict[str, str]:
         """Train the student, or resume, and measure it; returns its row."""

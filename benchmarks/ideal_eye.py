@@ -53,9 +53,10 @@ CHOOSING_RIVERS, CHOOSING_UNSEEN, CHOOSING_SEEDS = range(4000, 4016), range(5000
 """The same where settings are chosen."""
 NUM_ENVS, FLIGHTS, EVALUATION_SEED = 16, 60, 77
 RULES = EnvConfig(observation="privileged")
-KEY = ("algorithm", "changes", "level", "rivers", "steps", "seed", "config", "privileged")
-"""Columns that identify a trial. `config` is a hash, see `Trial.config`, so that other defaults make another trial;
-`privileged` is the version of what the ideal eye sees."""
+VERSION_COLUMNS = ("privileged", "version", "training", "world", "rules")
+"""Versions that a trial depends on; `version` is that of its algorithm."""
+KEY = ("algorithm", "changes", "level", "rivers", "steps", "seed", "config", *VERSION_COLUMNS)
+"""Columns that identify a trial. `config` is a hash, see `Trial.config`, so that other defaults make another trial."""
 BEFORE = f"before deadlines {versions.DEADLINES}"
 """Mark of trials whose critics of costs estimated what would come after the last step that counts."""
 
@@ -112,7 +113,13 @@ class Trial:
         rivers = str(first) if first == last else f"{first}:{last + 1}"
         changes = settings_text(self.settings)
         trained = self.level, rivers, str(self.steps), str(self.seed)
-        return self.algorithm, changes, *trained, self.config, str(versions.PRIVILEGED)
+        return self.algorithm, changes, *trained, self.config, *versions_of(self.algorithm)
+
+
+def versions_of(algorithm: str) -> tuple[str, ...]:
+    """Return today's values of `VERSION_COLUMNS`."""
+    found = versions.PRIVILEGED, versions.ALGORITHMS[algorithm], versions.TRAINING, versions.WORLD, versions.RULES
+    return tuple(map(str, found))
 
 
 def settings_text(settings: Settings) -> str:
@@ -196,14 +203,18 @@ def trial_of(row: Mapping[str, str]) -> Trial:
 
 
 def is_current(row: Mapping[str, str]) -> bool:
-    """Return whether a row's trial has today's defaults beside its changes, and today's ideal eye and deadlines."""
-    return (row["config"], row["privileged"]) == (trial_of(row).config, str(versions.PRIVILEGED))
+    """Return whether a row's trial has today's defaults beside its changes, and today's versions."""
+    return row["config"] == trial_of(row).config and _has_versions(row)
 
 
 def is_before_deadlines(row: Mapping[str, str]) -> bool:
     """Return whether a row lacks today's version of deadlines, on which its trial depends, and nothing else."""
     plain = settings_hash(trial_of(row).resolved)
-    return not is_current(row) and (row["config"], row["privileged"]) == (plain, str(versions.PRIVILEGED))
+    return not is_current(row) and row["config"] == plain and _has_versions(row)
+
+
+def _has_versions(row: Mapping[str, str]) -> bool:
+    return tuple(row[name] for name in VERSION_COLUMNS) == versions_of(row["algorithm"])
 
 
 def shown_rows(rows: Iterable[Mapping[str, str]]) -> list[Mapping[str, str]]:
@@ -272,7 +283,7 @@ def rivers_named(text: str) -> Sequence[int]:
 def trials_of(chosen: argparse.Namespace) -> list[Trial]:
     """Return the trials that the command line asks for."""
     if chosen.algorithm:
-        table = [(algorithm_named(chosen.algorithm).name, settings_from(chosen.set), chosen.steps)]
+        table = [(algorithm_named(chosen.algorithm).name, settings_from(chosen.set), chosen.steps or OFF_POLICY_STEPS)]
     else:
         table = [row for row in TRIALS if not chosen.only or row[0] in chosen.only]
     rivers = chosen.rivers or (CHOOSING_RIVERS if chosen.choose else RIVERS)
@@ -285,10 +296,10 @@ def trials_of(chosen: argparse.Namespace) -> list[Trial]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", default=[], help="algorithms whose trials are run; default: all")
+    parser.add_argument("--only", nargs="+", default=[], choices=ALGORITHMS, help="algorithms to run; default: all")
     parser.add_argument("--algorithm", help="one trial of this algorithm instead of the table's")
     parser.add_argument("--set", nargs="+", default=[], metavar="KEY=VALUE", help="settings of that trial")
-    parser.add_argument("--steps", type=int, default=OFF_POLICY_STEPS, help="steps of that trial")
+    parser.add_argument("--steps", type=int, help=f"steps of that trial, by default {OFF_POLICY_STEPS:,}")
     parser.add_argument("--level", default="Medium", help="level of the rivers of training")
     parser.add_argument(
         "--rivers", type=rivers_named, metavar="FIRST:END", help="seeds of those rivers instead of the usual ones"
@@ -300,6 +311,8 @@ def main() -> int:
     parser.add_argument("--write", action="store_true", help="train nothing, but write the tables of the pages")
     parser.add_argument("--check", action="store_true", help="write nothing; fail if a page is out of date")
     chosen = parser.parse_args()
+    if not chosen.algorithm and (chosen.set or chosen.steps):
+        parser.error("--set and --steps are of one trial: name its algorithm by --algorithm")
     if chosen.write or chosen.check:
         outdated = {path: text for path, text in written_pages().items() if text != path.read_text()}
         for path, text in outdated.items() if chosen.write else ():

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
-from known_answer_rows import HERE, SEEDS, Table, key, result_of
+from known_answer_rows import HERE, SEEDS, Table, key, result_of, row_versions
 from page_sections import replace_section, wrap
 
 from tests.known_answer.harness import (
@@ -110,8 +110,10 @@ def section(rows: Table, algorithm: str, seeds: int = SEEDS) -> str:
 
 
 def _runs_of(rows: Table, case: Case, seeds: int) -> dict[int, dict[str, str]]:
-    """Return the rows of a case by their seeds, as far as they were run."""
-    return {seed: rows[key(case, seed)] for seed in range(seeds) if key(case, seed) in rows}
+    """Return the rows of a case by their seeds, as far as they were run with today's versions."""
+    found = {seed: rows[key(case, seed)] for seed in range(seeds) if key(case, seed) in rows}
+    current = row_versions(case.algorithm)
+    return {seed: row for seed, row in found.items() if current.items() <= row.items()}
 
 
 def _outcome(results: Sequence[Result], decimals: int = 0) -> str:

@@ -5,11 +5,10 @@
 writes launches.csv: operations in one step of 64 environments together, with the default settings. Those of the
 environment, its frames and the encoder are not included. An operation launches one kernel or a few. For more
 environments, default settings scale with their number, so that a step of all of them takes as many operations.
-Learners run on the simulated device of the tests.
+Learners run on the simulated device of the tests. Rows are written as they are counted, in place of earlier ones.
 """
 
 import argparse
-import csv
 import sys
 from pathlib import Path
 
@@ -25,6 +24,8 @@ from tests.devices.toy import TensorWalk  # noqa: E402
 from thalweg.algos import ALGORITHMS  # noqa: E402
 from thalweg.algos.interface import Task  # noqa: E402
 from thalweg.algos.presets import REFERENCE_ENVS  # noqa: E402
+from thalweg.bench.csv_files import csv_text, read_csv  # noqa: E402
+from thalweg.core.atomic_io import write_atomic  # noqa: E402
 from thalweg.train.rollouts.tensor_collector import TensorCollector  # noqa: E402
 from thalweg.train.trainer import Trainer  # noqa: E402
 
@@ -84,15 +85,15 @@ def main() -> int:
     parser.add_argument("--num-envs", nargs="+", type=int, default=[REFERENCE_ENVS], help="numbers of environments")
     parser.add_argument("--out", type=Path, default=TABLE, help="output file")
     chosen = parser.parse_args()
-    rows = []
+    before = read_csv(chosen.out, COLUMNS) if chosen.out.is_file() else []
+    rows = {(row["algorithm"], row["environments"]): [row[name] for name in COLUMNS] for row in before}
     for name in chosen.only:
         for num_envs in chosen.num_envs:
             with pytest.MonkeyPatch.context() as patch, pretended(patch) as device:
                 acting, learning = count_operations(name, num_envs, device)
-            rows.append((name, num_envs, f"{acting:.1f}", f"{learning:.1f}"))
-            print(*rows[-1], flush=True)
-    with chosen.out.open("w", newline="") as text:
-        csv.writer(text, lineterminator="\n").writerows([COLUMNS, *rows])
+            rows[name, str(num_envs)] = row = [name, str(num_envs), f"{acting:.1f}", f"{learning:.1f}"]
+            print(*row, flush=True)
+            write_atomic(chosen.out, csv_text(COLUMNS, rows.values()))
     return 0
 
 

@@ -5,7 +5,6 @@
 writes registers.csv, with the multiprocessor's share that can be at work at once. It needs requirements-cuda.lock.
 """
 
-import csv
 import re
 import subprocess
 import sys
@@ -21,6 +20,8 @@ import numpy as np
 from numba import cuda, types
 from numba.cuda import dispatcher
 
+from thalweg.bench.csv_files import csv_text
+from thalweg.core.atomic_io import write_atomic
 from thalweg.env.config import EnvConfig
 from thalweg.env.device import cuda_step as rules
 from thalweg.env.device.step import reset_arguments
@@ -206,14 +207,13 @@ def occupancy(registers: int, threads: int) -> float:
 
 
 def main() -> int:
-    with TABLE.open("w", newline="") as text:
-        rows = csv.writer(text, lineterminator="\n")
-        rows.writerow(COLUMNS)
-        for name, variant in variants().items():
-            found = resource_usage(ptx_of(variant))
-            share = occupancy(found["registers"], variant.threads)
-            rows.writerow([name, *found.values(), variant.threads, f"{share:.2f}"])
-            print(name, found, f"occupancy {share:.0%}", flush=True)
+    rows = []
+    for name, variant in variants().items():
+        found = resource_usage(ptx_of(variant))
+        share = occupancy(found["registers"], variant.threads)
+        rows.append([name, *found.values(), variant.threads, f"{share:.2f}"])
+        print(name, found, f"occupancy {share:.0%}", flush=True)
+    write_atomic(TABLE, csv_text(COLUMNS, rows))
     return 0
 
 

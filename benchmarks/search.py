@@ -106,6 +106,8 @@ def main() -> None:
     parser.add_argument("algorithms", nargs="*", default=list(TRIALS), help="algorithms to search; default: all")
     parser.add_argument("--out", type=Path, default=Path("results/search"), help="folder for the runs")
     given = parser.parse_args()
+    if unknown := [name for name in given.algorithms if name not in TRIALS]:
+        parser.error(f"there are no trials of {unknown[0]}; choose from {', '.join(TRIALS)}")
     for name in given.algorithms:
         algorithm = algorithm_named(name).name
         for number, changes in enumerate(TRIALS[algorithm]):

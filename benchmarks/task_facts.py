@@ -111,11 +111,8 @@ def _nobody(studies: Studies) -> str:
             elif study.limited(FIXED, limit):
                 nobody.append(f"{task} at {limit:g}")
     text = f"**What nobody solves.** Limits that nobody holds: {', '.join(nobody) or 'none'}."
-    return (
-        f"{text} At the others the best that hold it return {', '.join(best)} of what the oracle does."
-        if best
-        else text
-    )
+    which = "At the others" if nobody else "At each limit"
+    return f"{text} {which} the best that hold it return {', '.join(best)} of what the oracle does." if best else text
 
 
 def _at_bound(studies: Studies) -> str:

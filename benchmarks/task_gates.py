@@ -48,7 +48,7 @@ LEVEL, RIVERS, NUM_ENVS, STEPS, FLIGHTS = "Medium", range(1000, 1016), 16, 200_0
 HOVER, LEARNER = "hover", "PPO"
 KEY = ("task", "policy", "seed", "config", "tasks", "privileged")
 """Columns that identify a row: `config` is a hash of PPO's settings and of the versions of PPO, training and deadlines,
-the last two are versions."""
+and for hovering too of those of worlds, rules and evaluation; the last two are versions."""
 LEAST_SPAN, GREATEST_HOVER, LEAST_COST = 2.0, 0.05, 3.0
 """Points of return; share of the oracle's return; multiple of the middle limit."""
 
@@ -97,12 +97,14 @@ class Gates:
 
 def key_of(task: str, policy: str, seed: int) -> tuple[str, ...]:
     """Return the values of `KEY`."""
-    made_with = {
-        "deadlines": versions.DEADLINES,
-        "algorithm": versions.ALGORITHMS[LEARNER],
-        "training": versions.TRAINING,
-    }
-    config = settings_hash(settings() | made_with) if policy == LEARNER else ""
+    made_with = {"world": versions.WORLD, "rules": versions.RULES, "evaluation": versions.EVALUATION}
+    if policy == LEARNER:
+        made_with |= {
+            "deadlines": versions.DEADLINES,
+            "algorithm": versions.ALGORITHMS[LEARNER],
+            "training": versions.TRAINING,
+        }
+    config = settings_hash((settings() if policy == LEARNER else {}) | made_with)
     return task, policy, str(seed), config, str(versions.TASKS), str(versions.PRIVILEGED)
 
 
@@ -158,8 +160,9 @@ def gate_table(rows: Sequence[Mapping[str, str]]) -> str:
             return_, cost = np.mean(gates.learners, axis=0)
             ppo = f"{return_:.2f} / {cost:.0f} ({len(gates.learners)})"
         multiple = f"{gates.multiple:.1f}" if gates.learners else "unknown"
-        figures = f"{gates.span:.2f}", f"{100 * gates.hover_share:.1f} %", limits, ppo, multiple
-        lines.append([task, *figures, "yes" if gates.held else "no"])
+        hovering = "not measured" if np.isnan(gates.hover) else f"{100 * gates.hover_share:.1f} %"
+        held = "unknown" if np.isnan(gates.hover) or not gates.learners else "yes" if gates.held else "no"
+        lines.append([task, f"{gates.span:.2f}", hovering, limits, ppo, multiple, held])
     header = [
         "task",
         "span of the front",

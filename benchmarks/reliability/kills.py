@@ -38,6 +38,8 @@ from thalweg.core.parent_process import ending_with_parent
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "kills.csv"
 KEY = ("command", "trial", "kill")
+NO_KILL = "none"
+"""In place of the number of a kill, for a command that ended before it."""
 RUN, SUITE = "run", "tiny.yaml"
 """Names of the run's folder and the suite's file in the folder of a trial."""
 TICK_S = 0.01
@@ -266,7 +268,8 @@ class Secured:
 
 
 def trial(name: str, number: int, folder: Path, usual: Undisturbed) -> Iterator[dict[str, object]]:
-    """Kill a command one to three times, resume it to its end, and yield a row for each kill."""
+    """Kill a command one to three times, resume it to its end, and yield a row for each kill; for one that fails before
+    it is killed, one without a kill."""
     random = Random(f"{name} {number}")
     shutil.rmtree(folder, ignore_errors=True)
     rows: list[dict[str, object]] = []
@@ -298,6 +301,9 @@ def trial(name: str, number: int, folder: Path, usual: Undisturbed) -> Iterator[
     for path in sorted(usual.contents.keys() | there.keys()):
         if usual.contents.get(path) != there.get(path):
             faults.append(f"{path} differs from that of the undisturbed run")
+    if faults and not rows:  # it ended before it could be killed
+        nothing = {"after_s": "", "finished": 0, "checkpoint": ""}
+        rows.append(dict(zip(KEY, (name, number, NO_KILL), strict=True)) | nothing)
     for row in rows:
         yield row | {"faults": len(faults), "first": faults[0].replace(",", ";") if faults else ""}
     if not faults:
@@ -337,6 +343,8 @@ def main() -> int:
                     print(*(f"{key} {value}" for key, value in row.items()), flush=True)
                     if not given.smoke:
                         table.add(row)
+            if failed and all(row["kill"] == NO_KILL for row in known):
+                return 1  # it fails by itself, and would in every trial
             done, number = done + len(known), number + 1
     return 1 if failed else 0
 

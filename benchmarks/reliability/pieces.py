@@ -7,6 +7,8 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from filelock import FileLock
+
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.core.atomic_io import write_atomic
 
@@ -25,10 +27,13 @@ class Pieces:
         return next((row for row in self.rows if self._identity(row) == wanted), None)
 
     def add(self, row: Mapping[str, object]) -> None:
-        """Add the row of a piece, in place of an earlier one of the same piece, and write the table atomically."""
+        """Add the row of a piece, in place of an earlier one of the same piece, and write the table atomically; other
+        commands may add theirs meanwhile."""
         text = {name: str(value) for name, value in row.items()}
-        self.rows = [each for each in self.rows if self._identity(each) != self._identity(text)] + [text]
-        write_atomic(self.path, csv_text(list(text), [list(each.values()) for each in self.rows]))
+        with FileLock(self.path.with_name(f".{self.path.name}.lock")):
+            rows = read_csv(self.path, self.key) if self.path.is_file() else []
+            self.rows = [each for each in rows if self._identity(each) != self._identity(text)] + [text]
+            write_atomic(self.path, csv_text(list(text), [list(each.values()) for each in self.rows]))
 
     def _identity(self, row: Mapping[str, str]) -> tuple[str, ...]:
         return tuple(row[name] for name in self.key)

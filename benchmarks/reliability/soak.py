@@ -49,7 +49,14 @@ SLACK = 1e-6
 """Metres and points of return by which a bound may be exceeded: the rules round otherwise."""
 STRAY_M = 1000.0
 """Distance from the course that no vehicle reaches in an episode, where land may be crossed."""
-KEY = ("piece", "rivers", "amount", "world", "rules", "tasks", "render")
+PIECE = ("piece", "rivers", "amount")
+MADE_WITH = {"steps": ("world", "rules", "tasks", "vehicles"), "frames": ("world", "rules", "render")}
+"""Versions that a piece of steps and one of frames depend on, which identify it beside `PIECE`."""
+
+
+def versions_of(what: str) -> dict[str, int]:
+    """Return today's versions of `MADE_WITH`."""
+    return {name: getattr(versions, name.upper()) for name in MADE_WITH[what]}
 
 
 def cases() -> list[EnvConfig]:
@@ -225,11 +232,13 @@ def main() -> int:
         faults = list(soak(0, 1, amount // 100))
         print("\n".join(faults) or "no fault")
         return 1 if faults else 0
-    table = Pieces(given.out or HERE / ("soak_frames.csv" if given.frames else "soak_steps.csv"), KEY)
-    made_with = (versions.WORLD, versions.RULES, versions.TASKS, versions.RENDER)
+    what = "frames" if given.frames else "steps"
+    key = (*PIECE, *MADE_WITH[what])
+    table = Pieces(given.out or HERE / f"soak_{what}.csv", key)
+    made_with = versions_of(what)
     failed, clock = False, Clock(given.minutes)
     for piece in range(given.pieces):
-        identity = (piece, RIVERS, amount, *made_with)
+        identity = (piece, RIVERS, amount, *made_with.values())
         row = table.row(*identity)
         if row is not None and row["faults"] == "0":
             continue
@@ -238,7 +247,7 @@ def main() -> int:
         faults = list(soak(piece, RIVERS, amount))
         failed |= bool(faults)
         first = faults[0].replace(",", ";") if faults else ""
-        table.add(dict(zip(KEY, identity, strict=True)) | {"faults": len(faults), "first": first})
+        table.add(dict(zip(key, identity, strict=True)) | {"faults": len(faults), "first": first})
         print(f"piece {piece}: {len(faults)} faults", *faults[:10], sep="\n  ", flush=True)
     return 1 if failed else 0
 

@@ -16,6 +16,7 @@ sys.path.insert(0, str(HERE.parent))  # the generated sections of pages are writ
 
 from fuzz_kinds import KINDS  # noqa: E402
 from page_sections import replace_section  # noqa: E402
+from soak import MADE_WITH, PIECE, versions_of  # noqa: E402
 
 from thalweg.bench.csv_files import read_csv  # noqa: E402
 from thalweg.bench.report.table import frame, markdown  # noqa: E402
@@ -24,7 +25,7 @@ from thalweg.core.atomic_io import write_atomic  # noqa: E402
 PAGE = HERE / "README.md"
 NOTHING = "Nothing yet.\n"
 FUZZED = ("kind", "piece", "files", "read", "refused", "failed")
-SOAKED = ("piece", "rivers", "amount", "faults")
+SOAKED = {what: (*PIECE, *names, "faults") for what, names in MADE_WITH.items()}
 KILLED = ("command", "trial", "kill", "finished", "faults")
 WANTED_STEPS, WANTED_FRAMES, WANTED_KILLS = 100_000_000, 1_000_000, 50
 """Steps, frames, and kills of each command that the whole has; of files, see `Kind.wanted`."""
@@ -51,10 +52,12 @@ def fuzzed(rows: Sequence[dict[str, str]]) -> str:
 
 
 def soaked(steps: Sequence[dict[str, str]], frames: Sequence[dict[str, str]]) -> str:
-    """Return the steps and frames so far."""
+    """Return the steps and frames so far, of today's versions alone."""
     lines = []
     for what, rows, wanted in (("steps", steps, WANTED_STEPS), ("frames", frames, WANTED_FRAMES)):
-        pieces = {row["piece"]: row for row in rows}  # the last of each piece: that of the newest versions
+        made_with = versions_of(what).items()
+        current = [row for row in rows if all(row[name] == str(number) for name, number in made_with)]
+        pieces = {row["piece"]: row for row in current}
         amount, rivers, faults = (
             sum(int(row[name]) for row in pieces.values()) for name in ("amount", "rivers", "faults")
         )
@@ -78,7 +81,7 @@ def killed(rows: Sequence[dict[str, str]]) -> str:
 def written_page(page: str, folder: Path = HERE) -> str:
     """Return the page with what the tables of a folder have today."""
     page = replace_section(page, "fuzzed", fuzzed(rows_of(folder, "fuzz.csv", FUZZED)))
-    both = (rows_of(folder, name, SOAKED) for name in ("soak_steps.csv", "soak_frames.csv"))
+    both = (rows_of(folder, f"soak_{what}.csv", columns) for what, columns in SOAKED.items())
     page = replace_section(page, "soaked", soaked(*both))
     return replace_section(page, "killed", killed(rows_of(folder, "kills.csv", KILLED)))
 

@@ -233,3 +233,23 @@ def test_of_one_seed_the_longest_training_and_the_most_episodes_count(script: Mo
         rows.append(script.row_of(cell, [episode(returned, 0.0, "Success")] * 2))
     lines = [" ".join(line.split()) for line in script.page_table(rows).splitlines()]
     assert [line for line in lines if "Hard" in line] == ["| rgb | fixed | Hard | 1 | 8.00 | 0.0% [0.0, 56.1] |"]
+
+
+def test_a_trial_with_another_seed_leaves_a_line_as_it_is(script: ModuleType):
+    def row(steps: int, seed: int, returned: float) -> dict[str, str]:
+        cell = script.Cell("rgb", steps, seed, "fixed", "Hard", 2)
+        return script.row_of(cell, [episode(returned, 0.0, "Success")] * 2)
+
+    whole = [row(9, seed, 8.0) for seed in range(3)]
+    assert script.page_table([*whole, row(5, 3, 1.0)]) == script.page_table(whole)
+
+
+def test_a_training_is_found_again_whatever_the_version_of_its_flights(
+    script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    cell = script.Cell("rgb", 9, 0, "fixed", "Hard", 2)
+    folder = script.student_folder(tmp_path, cell)
+    monkeypatch.setitem(script.VERSIONS, "evaluation", 99)
+    assert script.student_folder(tmp_path, cell) == folder
+    monkeypatch.setitem(script.VERSIONS, "rules", 99)
+    assert script.student_folder(tmp_path, cell) != folder

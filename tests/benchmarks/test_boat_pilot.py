@@ -29,8 +29,11 @@ def test_the_table_says_the_least_return_and_how_many_rivers_cost_nothing(script
         for each, length in zip(values, (200, 500, 420), strict=True)
     ]
     section = script.page_section(rows)
-    assert "| Easy | 2 | 9.50 | 1 | 500 |" in section
-    assert "| Hard-Deep | 1 | 10.00 | 0 | 420 |" in section
+    assert "| Easy | 2 of 300 | 9.50 | 1 | 500 |" in section
+    assert "| Medium-Deep | 0 of 300 | not measured | not measured | not measured |" in section
+    assert "| Hard-Deep | 1 of 300 | 10.00 | 0 | 420 |" in section
+    assert "| Easy | 300 | 9.50 |" in script.page_section(rows[:2] * 150)
+    assert script.page_section([]) == "Nothing was measured with today's versions.\n"
 
 
 def test_only_rivers_that_are_missing_are_run(script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

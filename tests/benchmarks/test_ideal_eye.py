@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from thalweg.cli.options import UsageError
-from thalweg.core import versions
 
 
 @pytest.fixture
@@ -103,18 +102,18 @@ def test_a_page_has_the_defaults_and_then_what_was_tried(script: ModuleType):
         settings = {} if changes == "none" else {"entropy": 0.5}
         config = script.Trial(algorithm, settings, 1000, seed).config
         scores = {f"{place}_{what}": str(returned + seed) for place in script.PLACES for what in ("return", "cost")}
-        key = (algorithm, changes, "Medium", rivers, "1000", str(seed), config, str(versions.PRIVILEGED))
+        key = (algorithm, changes, "Medium", rivers, "1000", str(seed), config, *script.versions_of(algorithm))
         return dict(zip(script.KEY, key, strict=True)) | scores
 
     other = row("none", "1000:1016", 0, 9.0)
-    outdated = [other | {"config": "00000000"}, other | {"privileged": "0"}]
+    outdated = [other | {name: "0"} for name in ("config", *script.VERSION_COLUMNS)]
     rows = [
         row("none", "1000:1016", 0, 2.0),
         row("none", "1000:1016", 1, 2.0),
         row("entropy=0.5", "4000:4016", 10, 3.0),
         row("none", "1000:1016", 0, 9.0, "CPO"),
     ]
-    assert [script.is_current(one) for one in [*rows, *outdated]] == [True] * 4 + [False] * 2
+    assert [script.is_current(one) for one in [*rows, *outdated]] == [True] * 4 + [False] * 6
     first, second = script.page_section(rows, "PPO").split("other seeds:")
     assert "| none | Medium 1000:1016, 1,000 | 2 | 2.50 / 2.50 |" in first and "4000" not in first
     assert "| `entropy=0.5` | Medium 4000:4016, 1,000 | 1 | 13.00 / 13.00 |" in second and "none" not in second
@@ -134,3 +133,14 @@ def test_rows_from_before_deadlines_stand_in_for_those_of_today_and_say_so(scrip
     assert "| `asymmetric_critics=True` | " in script.page_section([today], "CPO")
     plain = script.Trial("PPO", {"asymmetric_critics": True}, 1000, 10)  # which has no critics of costs
     assert plain.config == script.settings_hash(plain.resolved)
+
+
+@pytest.mark.parametrize("wrong", [["--only", "PPOlag"], ["--set", "entropy=0.01"], ["--steps", "50"]])
+def test_options_that_would_be_ignored_are_refused(
+    script: ModuleType, wrong: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    monkeypatch.setattr(sys, "argv", ["ideal_eye.py", *wrong])
+    monkeypatch.setattr(script, "measure", None)
+    with pytest.raises(SystemExit, match="2"):
+        script.main()
+    assert "--only" in capsys.readouterr().err or wrong[0] in ("--set", "--steps")

@@ -95,3 +95,7 @@ def test_the_curve_is_drawn_as_a_png(pace: ModuleType, tmp_path: Path):
     path = tmp_path / "new" / "ppo.png"
     pace.draw("PPO", "3", pace.curve_of("PPO", metrics()), path)
     assert path.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_the_page_shows_todays_table(pace: ModuleType):
+    assert pace.main(["--check"]) == 0, "python benchmarks/pace.py --write"

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
 
 from thalweg.bench.fronts.fronts import FrontPoint
@@ -43,14 +44,31 @@ def test_a_gate_that_is_missed_is_told(script: ModuleType, hover: float, cost: f
     assert not script.gates_of("Nests", [row(script, "hover", 0, hover, 0.0), row(script, "PPO", 0, 9.0, cost)]).held
 
 
-def test_a_gate_that_was_not_measured_does_not_hold(script: ModuleType):
+def test_a_gate_that_was_not_measured_does_not_hold_and_is_unknown(script: ModuleType):
     assert not script.gates_of("Nests", []).held
+    hover, ppo = row(script, "hover", 0, 0.2, 0.0), row(script, "PPO", 0, 9.0, 35.0)
+    ends = [script.gate_table(rows).splitlines()[2].strip("| ").split(" | ") for rows in ([], [hover], [ppo])]
+    assert [(cells[2].strip(), cells[-1].strip()) for cells in ends] == [
+        ("not measured", "unknown"), ("2.0 %", "unknown"), ("not measured", "unknown")
+    ]  # fmt: skip
+    assert script.gate_table([hover, ppo]).splitlines()[2].rstrip(" |").endswith("yes")
 
 
 def test_rows_of_other_versions_and_settings_do_not_count(script: ModuleType):
     old = row(script, "PPO", 0, 9.0, 5.0) | {"tasks": "0"}
     other = row(script, "PPO", 1, 9.0, 5.0) | {"config": "0"}
     assert script.gates_of("Nests", [old, other, row(script, "PPO", 2, 9.0, 35.0)]).learners == ((9.0, 35.0),)
+
+
+@pytest.mark.parametrize("policy", ["hover", "PPO"])
+@pytest.mark.parametrize("name", ["WORLD", "RULES", "EVALUATION"])
+def test_flights_of_other_worlds_and_rules_do_not_count(
+    script: ModuleType, policy: str, name: str, monkeypatch: pytest.MonkeyPatch
+):
+    made = row(script, policy, 0, 0.2, 30.0)
+    monkeypatch.setattr(script.versions, name, 99)
+    gates = script.gates_of("Nests", [made])
+    assert np.isnan(gates.hover) and gates.learners == ()
 
 
 def test_policies_of_other_versions_do_not_count(script: ModuleType, monkeypatch: pytest.MonkeyPatch):

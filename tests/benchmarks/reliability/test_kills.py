@@ -5,9 +5,11 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import pytest
+
+from thalweg.bench.csv_files import read_csv
 
 PROGRAM = """
 import sys, time
@@ -154,6 +156,21 @@ def test_finished_trials_are_skipped(kills: ModuleType, tmp_path: Path, monkeypa
     monkeypatch.setattr("sys.argv", [*command[:4], "3", *command[5:]])
     assert kills.main() == 0
     assert tried == [0, 1, 2]
+
+
+def test_a_command_that_fails_before_it_is_killed_is_a_row_and_no_other_trial_begins(
+    kills: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    ended = SimpleNamespace(returncode=3)
+    monkeypatch.setattr(kills, "start", lambda *_: ended)
+    monkeypatch.setattr(kills, "watch", lambda *_: (None, False))
+    monkeypatch.setattr(kills, "finish", lambda *_: None)
+    monkeypatch.setattr(kills, "undisturbed", lambda *_: kills.Undisturbed(0.1, 1.0, {}))
+    table = tmp_path / "kills.csv"
+    monkeypatch.setattr("sys.argv", ["kills.py", "--commands", "bench", "--kills", "9", "--out", str(table)])
+    assert kills.main() == 1
+    (row,) = read_csv(table, kills.KEY)
+    assert (row["trial"], row["kill"], row["faults"], row["first"]) == ("0", "none", "1", "resumed: ended with 3")
 
 
 def test_no_trial_begins_after_the_given_minutes(kills: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -5,6 +5,8 @@ from types import ModuleType
 
 import pytest
 
+from thalweg.core import versions
+
 
 @pytest.fixture
 def summary(script: Callable[[str], ModuleType]) -> ModuleType:
@@ -30,13 +32,13 @@ def test_files_are_counted_by_ending(summary: ModuleType):
     assert [row for row in found if row[0] == ".gpx"] == [[".gpx", "1", "0 of 100,000", "0", "0", "0"]]
 
 
-def test_a_piece_that_was_flown_with_several_versions_counts_once(summary: ModuleType):
-    rows = [
-        {"piece": piece, "rivers": "10", "amount": "1000000", "rules": rules, "faults": faults}
-        for piece, rules, faults in (("0", "1", "3"), ("1", "1", "0"), ("0", "2", "0"))
-    ]
+def test_pieces_of_other_versions_do_not_count(summary: ModuleType):
+    today = {name: str(number) for name, number in summary.versions_of("steps").items()}
+    assert today["vehicles"] == str(versions.VEHICLES) and "render" not in today
+    piece = {"piece": "0", "rivers": "10", "amount": "1000000", "faults": "0"} | today
+    rows = [piece | {"vehicles": "0", "faults": "3"}, piece, piece | {"piece": "1", "rules": "0"}]
     steps, frames = cells(summary.soaked(rows, []))[2:]
-    assert steps == ["steps", "2,000,000 of 100,000,000", "20", "0"]
+    assert steps == ["steps", "1,000,000 of 100,000,000", "10", "0"]
     assert frames == ["frames", "0 of 1,000,000", "0", "0"]
 
 

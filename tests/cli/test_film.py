@@ -13,9 +13,12 @@ from thalweg.bench.pictures.film import FRAMES_PER_S, HOLD_S
 from thalweg.bench.pictures.film_format import LARGE, MARGIN_PX
 from thalweg.cli.flight_options import ChosenFlight
 from thalweg.cli.main import main
+from thalweg.cli.options import UsageError
 from thalweg.cli.views import camera_from
 from thalweg.core.video import read_video
+from thalweg.env import EnvConfig
 from thalweg.env.frame_renderer import FrameRenderer
+from thalweg.env.physics.inertia import Inertia
 from thalweg.render import Camera
 from thalweg.viewer.flight.flight import Flight, env_of
 from thalweg.viewer.flight.options import FlightOptions
@@ -132,3 +135,10 @@ def test_a_policy_flies_what_it_was_trained_on_unless_something_else_is_chosen(
     _, options = ChosenFlight(**given).chosen(64, policy)
     assert {name: getattr(options, name) for name in expected} == expected
     assert ChosenFlight().chosen(64)[1] == FlightOptions(size_px=64)
+
+
+def test_a_policy_with_inertia_of_its_own_is_not_filmed_with_the_usual_one():
+    env = EnvConfig(action="continuous", dynamics="inertial", inertia=Inertia(forward_m_per_s=9.0)).as_data()
+    policy: Any = SimpleNamespace(about=SimpleNamespace(context={"env": env}))
+    with pytest.raises(UsageError, match="settings of inertia of its own"):
+        ChosenFlight().chosen(64, policy)

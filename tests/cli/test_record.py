@@ -11,6 +11,7 @@ from tests.cli.calibration import LENS
 from tests.image_policies import image_policy
 from thalweg.cli.flown_files import flown_files
 from thalweg.cli.main import main
+from thalweg.cli.record import Record
 from thalweg.cli.views import camera_from
 from thalweg.core.config import to_plain
 from thalweg.datasets import draft
@@ -169,6 +170,13 @@ def test_what_is_flown_counts_by_its_content_wherever_it_lies(tmp_path: Path):
     river.write_text("<gpx></gpx>")
     changed = flown_files("steady", river, [mine])
     assert all(changed[what]["content"] != found[what]["content"] for what in found)
+
+
+def test_what_follows_from_the_policy_is_recorded_as_if_it_were_given():
+    flown = FlightOptions(level="Easy", task="Nests", vehicle="uav")
+    told = Record()._what_is_flown(flown)
+    assert told == Record(task="Nests", vehicle="uav", action="multidiscrete")._what_is_flown(flown)
+    assert (told["task"], told["vehicle"], told["action"]) == ("Nests", "uav", "multidiscrete")
 
 
 def test_a_policy_counts_by_its_file(tmp_path: Path):

@@ -189,7 +189,7 @@ def forces() -> Trace:
             *_, info = env.step(units.astype(np.float32) if name == "all" else 1 - units)
             costs += info["costs"]
         last, ended = info.get("final_info", info), info.get("_final_info", np.zeros(8, bool))[:, None]
-        for part in ("pose", "wind", "velocity"):  # those that the last action met with
+        for part in ("pose", "wind", "velocity"):  # of the episode that the last action belongs to
             if part in info:
                 found[f"{name} {part}"] = np.where(ended, last[part], info[part])
         found[f"{name} costs"] = costs
@@ -197,8 +197,8 @@ def forces() -> Trace:
 
 
 def vehicles() -> Trace:
-    """What random actions and the pilot of the boat earn, cost and end with on Easy and in a basin, and what its ideal
-    eye tells."""
+    """What random actions and the pilot of the boat earn, cost and end with on Easy and in a basin, what its ideal eye
+    tells, what it hits when it turns and moves, and its velocity with inertia in the wind."""
     rocky = basin(lambda x, y: 0.5 + 0.05 * np.abs(y - 4.0), rocks=((20.0, 1.0, 0.7),), bridges=arch_at(35.0, 10.0))
     found = {}
     for name, world in (("Easy", load_or_build("Easy")), ("basin", rocky)):
@@ -216,6 +216,13 @@ def vehicles() -> Trace:
         found[name] = np.concatenate([rewards, costs.ravel(), np.bincount(np.ravel(reasons) + 1, minlength=12)])
         found[f"{name} poses"] = env.get_state()["pose"]
         found[f"{name} seen"] = seen
+    turned = RiverVectorEnv([basin(rocks=((29.1, -0.66, 0.05),))], 1, EnvConfig(observation="none", vehicle="asv"))
+    turned.reset(seed=0, options={"pose": [30.0, 0.0, 1.2, 0.0]})
+    found["turn and move"] = turned.step(np.array([[1, 0, 0, 1]]))[4]["done_reason"]
+    options: Any = {"action": "continuous", "dynamics": "inertial", "wind": Wind()}
+    pushed = RiverVectorEnv([basin()], 2, EnvConfig(observation="none", vehicle="asv", **options))
+    pushed.reset(seed=1)
+    found["pushed"] = pushed.step(np.array([[1.0, 0.2, 0.5, 0.0]] * 2, np.float32))[4]["velocity"]
     return found
 
 

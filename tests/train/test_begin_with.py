@@ -129,7 +129,7 @@ def test_a_warmup_that_leaves_no_rollout_is_refused_before_anything_is_written(
 def test_random_steps_that_leave_no_rollout_are_named_and_not_the_warmup():
     check_warmup = importlib.import_module("thalweg.train.run").check_warmup
     config = algorithm_named("SACLag").configure({"critic_warmup_steps": 0, "random_steps": 600}, "default", 8)
-    with pytest.raises(TrainingError, match=r"random_steps must be at most 4\d\d in a run of 500 .* got 600: its"):
+    with pytest.raises(TrainingError, match=r"random_steps must be at most 4\d\d in a run of 500 .* got 600: all"):
         check_warmup(config, 500, 8)
 
 

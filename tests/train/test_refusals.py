@@ -10,6 +10,7 @@ import pytest
 from tests.train.small_runs import SMALL, Stop, StopsAt, train
 from tests.train.toys import Walk
 from thalweg.algos import AlgorithmError
+from thalweg.core import run_folder
 from thalweg.core.compute.device import DeviceError
 from thalweg.train import TrainingError, load_policy
 from thalweg.train.folder.run_record import read_config
@@ -90,7 +91,8 @@ def test_the_folder_of_another_run_is_refused_before_its_first_checkpoint_too(tm
 
 
 @pytest.mark.parametrize("attempt", range(5))
-def test_of_two_runs_that_begin_in_one_folder_at_once_one_is_refused(tmp_path, attempt):
+def test_of_two_runs_that_begin_in_one_folder_at_once_one_is_refused(tmp_path, attempt, monkeypatch):
+    monkeypatch.setattr(run_folder, "WAIT_S", 60.0)  # of a slow disk
     ready, outcomes = threading.Barrier(2), {}
 
     def begin(seed: int) -> None:
@@ -140,6 +142,8 @@ def test_wrong_arguments_leave_no_folder(tmp_path):
         ({"context": {"river": "Danube"}}, "context.river must be a mapping or left out, got 'Danube'"),
         ({"context": {"env": "CartPole-v1"}}, "context.env must be a mapping or left out, got 'CartPole-v1'"),
         ({"context": {"env": None}}, "context.env must be a mapping or left out, got None"),
+        ({"context": {"rate": float("nan")}}, "context holds plain data only, as JSON has it: Out of range float"),
+        ({"context": {"name": "half \ud800"}}, "context cannot be read back from config.yaml: "),
         ({"context": {"levels": {1: "easy"}}}, "keys of context must be strings without '/', got 1"),
         ({"context": {"levels": [{"a/b": 1}]}}, "keys of context must be strings without '/', got 'a/b'"),
         ({"context": {"day": datetime.date(2026, 1, 2)}}, "context holds plain data only, as JSON has it: .* date"),

@@ -31,7 +31,7 @@ class EncoderTrain(Command):
     """Level whose river the images show; for geometry and water several."""
     river: River = NO_FILE
     world_seeds: Annotated[tuple[str, ...], by_target("world_seeds")] = ()
-    """Seeds of rivers, such as 0 5 1000:1016 (1016 excluded); for image the fixed one, with --river 1000:1006."""
+    """Seeds of rivers, such as 0 5 1000:1016; for image the fixed one. With --river geometry and water: 1000:1006."""
     held_out_seeds: Annotated[tuple[str, ...], by_target("held_out_seeds")] = ()
     """For geometry and water: seeds of rivers, with --river 3000:3002 by default, for measurement only."""
     images: Annotated[int | None, by_target("images")] = None

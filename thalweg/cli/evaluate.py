@@ -74,8 +74,8 @@ class Evaluate(Command):
     plugin: Plugins = ()
 
     def config_for(self, policy: "Policy | RecurrentPolicy") -> "EvaluationConfig":
-        """Return the config of the flights of a policy: task, hard mode and forces that are not given are those that it
-        was trained with; River has no hard mode. Raises `UsageError` and `ConfigError`."""
+        """Return the config of the flights of a policy: task, hard mode, vehicle and forces that are not given are
+        those that it was trained with; River has no hard mode. Raises `UsageError` and `ConfigError`."""
         from thalweg.bench.evaluate.course import EvaluationConfig
         from thalweg.cli.flown_camera import flown_camera
         from thalweg.env import EnvConfig

@@ -88,10 +88,17 @@ class ChosenFlight(Command):
 
 
 def _trained_with(policy: Any) -> dict[str, Any]:
-    """Return the options of a flight with which a policy was trained."""
+    """Return the options of a flight with which a policy was trained; raises `UsageError` for inertia of its own."""
+    from thalweg.env.physics.inertia import Inertia
     from thalweg.train.observations import flies_hard, forces_of, task_of, vehicle_of
 
-    dynamics = forces_of(policy).dynamics
+    forces = forces_of(policy)
+    dynamics = forces.dynamics
+    if dynamics == "inertial" and forces.inertia != Inertia():
+        raise UsageError(
+            "the policy was trained with settings of inertia of its own, which such flights do not have: fly it by"
+            " `thalweg evaluate`"
+        )
     return {
         "task": task_of(policy),
         "hard": flies_hard(policy),

@@ -80,7 +80,7 @@ class Record(FlownFlight):
                 self.format,
                 observer.about(),
                 video=self.video,
-                options=self._what_is_flown(first.flight.options.action),
+                options=self._what_is_flown(first.flight.options),
                 files=flown_files(self.flight, self.river.river, self.plugin),
             ) as writer,
         ):
@@ -100,11 +100,13 @@ class Record(FlownFlight):
         print(f"{self.out}: {count} flights, {steps:,} steps ({told}) in the format of {self.format}")
         return 0
 
-    def _what_is_flown(self, action: str) -> dict[str, Any]:
+    def _what_is_flown(self, flown: Any) -> dict[str, Any]:
         """Return the options that decide what the flights are, as plain data: not their number, nor the folders in
-        which files lie. The camera is kept beside them; `action` is the kind of actions that are flown."""
+        which files lie. The camera is kept beside them; `flown` are the options of the first flight, in which those
+        that follow from the policy are resolved."""
         ways = ("out", "format", "episodes", "video", "plugin", "size", "camera")
-        changes: dict[str, Any] = {"flight": policy_name(self.flight), "action": action}
+        resolved = {name: getattr(flown, name) for name in ("task", "vehicle", "action")}
+        changes: dict[str, Any] = {"flight": policy_name(self.flight), **resolved}
         named = replace(self, **changes)
         return {each.name: _plain(getattr(named, each.name)) for each in fields(self) if each.name not in ways}
 

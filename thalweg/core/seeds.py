@@ -8,10 +8,10 @@ from itertools import pairwise
 from typing import Any
 
 UNSEEN = 100_000
-"""Seed of the first unseen river of a level; nothing is trained on it or on later seeds."""
+"""Seed of the first unseen river of a level; trainings refuse it and later seeds."""
 RANGE = re.compile(r"([0-9](?:_?[0-9]){0,39}):([0-9](?:_?[0-9]){0,39})")
 MAX_SEED = 2**63 - 1
-"""Greatest seed of starts and of trainings, which compiled code and PyTorch take as a whole number of 64 bits."""
+"""Greatest seed that commands and suites take: compiled code and PyTorch hold whole numbers of 64 bits."""
 MAX_SEEDS = 1_000_000
 """Greatest number of seeds in a list: more is a slip, such as a date."""
 LONGEST_LISTED = 16

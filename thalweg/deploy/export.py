@@ -41,6 +41,7 @@ from thalweg.train.observations import (
     forces_of,
     observation_of,
     task_of,
+    vehicle_of,
 )
 from thalweg.train.river import load_compatible_encoder
 
@@ -103,8 +104,8 @@ class Exportable:
                 f"the policy sees {seen} with convolutions of its own, and takes no encoder: leave --encoder"
                 f" ({encoder.about.get('path', 'an encoder')}) out"
             )
-        vehicle = context_of(policy).get("env", {}).get("vehicle", "uav")
-        check_policy_fits(policy, encoder, task=task_of(policy), vehicle=vehicle, action=action_of(policy))
+        trained = {"task": task_of(policy), "vehicle": vehicle_of(policy), "action": action_of(policy)}
+        check_policy_fits(policy, encoder, **trained)
         inputs = [{"rgb": "image", "mask": "mask"}[part] for part in seen.split("+")]
         if feels(policy):
             inputs.append("proprioception")

@@ -169,7 +169,7 @@ class TensorRiverEnv:
         first = integer_at_least("seed", seed, 0)
         if first + self.num_envs > MAX_SEED:
             raise ConfigError(
-                f"seed must be at most {MAX_SEED - self.num_envs} for {self.num_envs} of them, not {first}"
+                f"seed must be at most {MAX_SEED - self.num_envs} for {self.num_envs} environments, not {first}"
             )
         self._tensors["seed"].copy_(torch.arange(first, first + self.num_envs))
         self._tensors["episode"].zero_()

@@ -171,7 +171,7 @@ class RiverVectorEnv(VectorEnv):
     def start_episodes(self, rows: Sequence[int], poses: np.ndarray | None) -> tuple[Any, dict[str, Any]]:
         """Start new episodes in the environments `rows`, at validated poses [N, 4] or random ones; returns as
         `reset`."""
-        self.rivers.settle()  # of a call that an error ended
+        self.rivers.settle()  # gives back what a call left that ended with an error
         for row in rows:
             self.episodes.begin(row, None if poses is None else poses[row])
             self.episodes.clear_outcome(row)
@@ -190,7 +190,7 @@ class RiverVectorEnv(VectorEnv):
         """
         unit_actions = to_unit_actions(self.config.action, actions, self.num_envs, self.config.fast_ratio)
         self._check_ready()
-        self.rivers.settle()  # of a call that an error ended
+        self.rivers.settle()  # gives back what a call left that ended with an error
         ended, outcome = self.episodes.ended, self.episodes.outcome
         active = ~ended
         self.observer.step(self.state.pose, unit_actions)

@@ -140,7 +140,7 @@ def check_policy_fits(
             f" trained {here}, or fly {trained}"
         )
     _check_versions(seen, context)
-    trained_for = context.get("env", {}).get("vehicle", "uav")
+    trained_for = vehicle_of(policy)
     if context and trained_for != vehicle:
         raise TrainingError(f"the policy was trained for the vehicle {trained_for}, not {vehicle}")
     commands = forces_of(policy).dynamics

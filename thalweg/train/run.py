@@ -230,7 +230,7 @@ def check_warmup(config: Any, steps: int, num_envs: int) -> None:
         if most < 0:
             raise TrainingError(
                 f"random_steps must be at most {last} in a run of {steps} steps that begins with another policy, got"
-                f" {config.random_steps}: its own actions would never count; take more steps, or set random_steps"
+                f" {config.random_steps}: all actions would be random; take more steps, or set random_steps"
             )
         raise TrainingError(
             f"critic_warmup_steps must be at most {most} in a run of {steps} steps that begins with another policy, "

@@ -4,6 +4,7 @@ import errno
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,10 +22,9 @@ from thalweg.bench.execute.backend import installed_versions
 from thalweg.bench.execute.filming import best_of_all, policy_shots
 from thalweg.bench.execute.runner import RESULTS_FOLDER, claim, run_suite, selected_runs
 from thalweg.bench.results.reading import read_results
-from thalweg.bench.results.results import Results, evaluation_path, read_runs
+from thalweg.bench.results.results import evaluation_path, read_runs
 from thalweg.bench.suite.arms import Arm, Run, Stage
 from thalweg.bench.suite.builtin import STUDIED, SUITES, suite_named
-from thalweg.bench.suite.config import Suite
 from thalweg.cli.main import main
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
@@ -435,16 +435,24 @@ def test_the_help_says_what_may_be_done_alone_and_its_examples_can_be(
 
 def test_a_folder_is_held_until_its_report_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A second suite that begins in the same new folder neither writes its record nor films."""
-    refused = []
+    refused, folder = [], tmp_path / "new"
 
-    def film(suite: Suite, results: Results, *_: Any) -> None:
-        with pytest.raises(ResultsError, match="another command is writing to"):
-            run_suite(replace(SUITE, name="second"), results.folder, SmallBackend())
-        refused.append(suite.name)
+    def also_begun(name: str) -> Callable[..., Any]:
+        before = getattr(runner, name)
 
-    monkeypatch.setattr(runner, "film_flights", film)
-    run_suite(SUITE, tmp_path / "new", SmallBackend())
-    assert refused == ["small"] and json.loads((tmp_path / "new" / "suite.json").read_text())["name"] == "small"
+        def called(*given: Any, **options: Any) -> Any:
+            with pytest.raises(ResultsError, match="another command is writing to"):
+                run_suite(replace(SUITE, name="second"), folder, SmallBackend())
+            refused.append(name)
+            return before(*given, **options)
+
+        return called
+
+    for name in ("execute_runs", "film_flights", "write_report"):
+        monkeypatch.setattr(runner, name, also_begun(name))
+    run_suite(SUITE, folder, SmallBackend())
+    assert refused == ["execute_runs", "film_flights", "write_report"]
+    assert json.loads((folder / "suite.json").read_text())["name"] == "small"
 
 
 def test_a_foreign_folder_is_refused_without_a_trace(tmp_path: Path):

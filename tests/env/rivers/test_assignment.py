@@ -73,6 +73,7 @@ def test_an_error_while_a_river_is_loaded_leaves_an_environment_that_can_be_rese
     env = RiverVectorEnv(rivers, 2, PRIVILEGED)
     env.reset(seed=0)
     rivers_flown(env, steps)
+    state = env.get_state()
     assert isinstance(env.rivers, DrawnRivers)
     pool = env.rivers.pool
     rivers.broken = True
@@ -82,6 +83,8 @@ def test_an_error_while_a_river_is_loaded_leaves_an_environment_that_can_be_rese
         for seed in range(100):
             env.reset(seed=seed)
     rivers.broken = False
+    if steps % 2:  # a state can be restored without a reset before
+        env.set_state(state)
     for seed in range(5):
         env.reset(seed=seed)
         assert min(pool._uses) >= 0 and sum(pool._uses) == 2

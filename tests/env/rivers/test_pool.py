@@ -1,5 +1,6 @@
 """Tests of the rivers in memory: which are loaded, when, and how many at a time."""
 
+import gc
 import os
 import pickle
 import signal
@@ -7,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -220,6 +222,37 @@ def test_an_error_of_a_river_is_raised_where_it_is_needed():
     with pytest.raises(OSError, match="river 5 is broken"):
         pool.take(5)
     pool.close()
+
+
+def test_a_river_that_an_error_left_half_placed_is_placed_again(monkeypatch: pytest.MonkeyPatch):
+    pool = RiverPool(RiverList(different(12), in_memory=6), CONFIG, 2)
+    for river in range(6):
+        pool.leave(pool.take(river))
+
+    def stopped(_: object):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(pool_module, "join_courses", stopped)
+        pool.take(9)
+    slot = pool.take(9)
+    assert pool.courses.segments[slot] == pool.part(slot).segments[0] == 49
+    pool.close()
+
+
+def test_a_pool_that_is_dropped_after_an_error_in_the_background_is_freed():
+    pool = RiverPool(Broken(different(9), in_memory=6), CONFIG, 2)
+    pool.expect([5])
+    assert pool._worker is not None
+    thread, kept = pool._worker._thread, weakref.ref(pool)
+    assert isinstance(pool._coming[5].exception(30), OSError)
+    del pool
+    until = time.monotonic() + 30
+    while thread.is_alive() and time.monotonic() < until:
+        gc.collect()
+        time.sleep(0.01)
+    gc.collect()
+    assert not thread.is_alive() and kept() is None
 
 
 @pytest.mark.parametrize(

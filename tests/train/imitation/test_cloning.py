@@ -166,6 +166,11 @@ def test_a_run_on_a_gpu_is_recorded_and_resumed_there_alone(tmp_path: Path, monk
         ({"layers": ()}, {"mask": None}, "has no water masks"),
         ({}, {"options": None}, "has continuous actions"),
         ({}, {"options_of_flight": {"vehicle": "asv"}}, "flights of the vehicle asv"),
+        (
+            {},
+            {"options_of_flight": {"level": "Medium+meadow", "world_seed": 100_000}},
+            "odd: world_seed: rivers from seed",
+        ),
         ({}, {"task": "Swimmers"}, "the task Swimmers with fast steps"),
     ],
 )

@@ -180,7 +180,7 @@ LINE = {"position_m": np.zeros((1, 2)), "tangent": np.ones((1, 2))}
         ({"islands": np.array([[0, 0, np.inf, 1, 0.0]])}, r"'islands' holds inf"),
         ({"islands": np.array([[0, 0, 1, 0, 0.0]])}, r"'islands' holds a size of 0\.0 m; limit > 0"),
         ({"bridges": np.array([[0, 0, 0, 0, 2, 6, 0.5, 2, 4, 0.2, 1.0]])}, r"'bridges' holds a size of 0\.0 m"),
-        ({"length_m": 1.0}, r"a course of 1\.0 m"),
+        ({"length_m": 1.0}, r"a course of 1\.0 m with a sample at \d+"),
         ({"bridges": np.full((1, 11), np.nan)}, r"'bridges' holds nan"),
         ({"grid": [0.0, 0.0, 0.0]}, r"a cell size of 0\.0 m; limit > 0"),
         ({"grid": [np.nan, 0.0, 0.25]}, r"description holds nan"),

@@ -93,6 +93,7 @@ class Episodes:
             "sun": (sun < 0) | (sun >= self.frames.lights),
             "generator": snapshot.impossible_generators(state["generator"], state["begun"]),
         }
+        self.rivers.settle()  # gives back what a call left that ended with an error
         snapshot.check_values(state, self.rivers.segments_in(state), wrong)
         snapshot.check_looks(state["look"])
         check_forces(state)

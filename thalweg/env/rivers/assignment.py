@@ -157,6 +157,7 @@ class DrawnRivers:
 
         Yields rows of `river` and the slots of their rivers, which keep them until the next ones are yielded.
         """
+        self.settle()  # gives back what a call left that ended with an error
         chosen, index = np.unique(river, return_inverse=True)
         index = index.reshape(-1)
         holds_all = self.pool.slots >= len(self.pool.rivers)

@@ -201,13 +201,13 @@ class RiverPool:
             self._used_at.append(0)
         else:
             slot = self._oldest()
-            self._slot_of.pop(self.river[slot], None)  # of a call that an error ended, there is none
+            self._slot_of.pop(self.river[slot], None)  # None if an error ended the call that placed it
             self.river[slot], self._parts[slot] = river, prepared.course
-        self._slot_of[river] = slot
         if self._tables is not None:
             self._tables.put(slot, prepared.tables)
         self.courses = join_courses(self._parts)
         self.most_loaded = max(self.most_loaded, self.loaded)
+        self._slot_of[river] = slot  # last, so that a river which an error left half placed is placed again
         return slot
 
     def _oldest(self) -> int:

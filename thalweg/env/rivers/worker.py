@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from queue import SimpleQueue
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 from weakref import WeakMethod
 
 T = TypeVar("T")
@@ -42,16 +42,18 @@ class Worker(Generic[T]):
 
     def _run(self) -> None:
         while (asked := self._queue.get()) is not None:
-            future, number = asked
-            if not future.set_running_or_notify_cancel():
-                continue
-            result: Any = None
-            try:
-                result = self._call(number)
-            except BaseException as error:
-                future.set_exception(error)
-            else:
-                future.set_result(result)
+            self._do(*asked)
+            del asked  # a future holds its error, whose traceback holds the method's object
+
+    def _do(self, future: "Future[T]", number: int) -> None:
+        if not future.set_running_or_notify_cancel():
+            return
+        try:
+            result = self._call(number)
+        except BaseException as error:
+            future.set_exception(error)
+        else:
+            future.set_result(result)
 
     def _call(self, number: int) -> T:
         """Return the result for a number. Only as long as this takes, the thread keeps the method's object alive."""

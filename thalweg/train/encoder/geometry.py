@@ -20,7 +20,7 @@ from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.config import to_plain
-from thalweg.core.seeds import compact_seeds, parse_seeds, refuse_unseen
+from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, EncoderInputError, load_encoder, sides
 from thalweg.encoder.checkpoint import DEVICE, check_folder, require_same_run
 from thalweg.encoder.files import FILE, load_model
@@ -167,11 +167,7 @@ class GeometryTraining:
                 f"config predicts {len(self.config.targets)} quantities, but views of {', '.join(self.tasks)} have"
                 f" {len(self.targets)}: make it by geometry_config(tasks)"
             )
-        for name, seeds in (("world_seeds", self.seeds), ("held_out_seeds", self.judged_seeds)):
-            if not seeds:
-                raise EncoderInputError(f"{name} needs at least one seed")
-        if self.grounds.river is None:
-            refuse_unseen(self.seeds, "world_seeds", EncoderInputError)
+        self.grounds.check_seeds(self.seeds, self.judged_seeds)
         if shared := sorted(set(self.seeds) & set(self.judged_seeds)):
             raise EncoderInputError(
                 f"world_seeds and held_out_seeds share {shared[0]}: codes are judged on other rivers"

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from thalweg.core.seeds import refuse_unseen
 from thalweg.encoder import EncoderInputError
 from thalweg.env.rivers.memory import check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
@@ -34,6 +35,15 @@ class Grounds:
         names = self.names
         if not names or len(set(names)) < len(names):
             raise EncoderInputError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
+
+    def check_seeds(self, seeds: Sequence[int], judged: Sequence[int]) -> None:
+        """Raise `EncoderInputError` for no seeds of rivers to learn from or to judge on, and for unseen rivers of
+        levels to learn from."""
+        for name, given in (("world_seeds", seeds), ("held_out_seeds", judged)):
+            if not given:
+                raise EncoderInputError(f"{name} needs at least one seed")
+        if self.river is None:
+            refuse_unseen(seeds, "world_seeds", EncoderInputError)
 
     @property
     def names(self) -> list[str]:

@@ -20,7 +20,7 @@ from thalweg.core.compute.heap import keep_freed_memory
 from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
 from thalweg.core.machine import package_version
 from thalweg.core.run_folder import CHECKPOINT, FolderKind
-from thalweg.core.seeds import compact_seeds, refuse_unseen
+from thalweg.core.seeds import compact_seeds
 from thalweg.encoder.checkpoint import Row, check_folder, resume_state, save_state, state_tensors
 from thalweg.encoder.files import EncoderFileError
 from thalweg.encoder.training import epoch_generator, progress_bar, say_resumed, write_rows
@@ -110,11 +110,7 @@ class WaterTraining:
         for name in ("images", "held_out", "epochs"):
             if getattr(self, name) < 1:
                 raise EncoderInputError(f"{name} must be at least 1, not {getattr(self, name)}")
-        for name, seeds in (("world_seeds", self.world_seeds), ("held_out_seeds", self.held_out_seeds)):
-            if not seeds:
-                raise EncoderInputError(f"{name} needs at least one seed")
-        if self.grounds.river is None:
-            refuse_unseen(self.world_seeds, "world_seeds", EncoderInputError)
+        self.grounds.check_seeds(self.world_seeds, self.held_out_seeds)
         if shared := set(self.world_seeds) & set(self.held_out_seeds):
             raise EncoderInputError(f"held_out_seeds must be others than world_seeds, but {min(shared)} is in both")
         if any(side % SIDES for side in size_of(self.camera)):

@@ -89,12 +89,16 @@ def describe(identity: dict[str, Any], threads: int, learner: Mapping[str, int])
 def check_context(context: Mapping[str, Any]) -> None:
     """Raise `TrainingError` for a context that checkpoints, or config.yaml when it is read back, cannot hold."""
     try:
-        json.dumps(context)
+        json.dumps(context, allow_nan=False)
     except (TypeError, ValueError, RecursionError) as error:
         raise TrainingError(f"context holds plain data only, as JSON has it: {error}") from error
     for key in _keys(context):
         if not isinstance(key, str) or SEPARATOR in key:
             raise TrainingError(f"keys of context must be strings without {SEPARATOR!r}, got {key!r}")
+    try:
+        load(_yaml(dict(context)), yaml.SafeLoader)
+    except yaml.YAMLError as error:
+        raise TrainingError(f"context cannot be read back from config.yaml: {error}") from error
     for key in CONTEXT_MAPPINGS:
         if key in context and not isinstance(context[key], Mapping):
             raise TrainingError(f"context.{key} must be a mapping or left out, got {context[key]!r:.40}")

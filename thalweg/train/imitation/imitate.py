@@ -81,7 +81,7 @@ class Imitation:
         config = parse_config(ImitationConfig, dict(self.settings or {}), "settings")
         grounds = [level_named(name) for name in self.levels] if self.river is None else [self.river]
         seeds = parse_seeds(self.world_seeds, "world_seeds", TrainingError)
-        self._check(grounds)
+        self._check(grounds, seeds)
         threads = default_torch_threads() if self.threads is None else self.threads
         device = torch.device(resolve_device(self.device))
         rules = self._rules(config)
@@ -144,16 +144,16 @@ class Imitation:
                 print_once(f"the teacher flies {len(seeds)} {what} {ground.name}, before anything is learnt from it")
             check_teacher(ground, seeds, rules, flown_by(teacher))
 
-    def _check(self, grounds: Sequence[Level | Reach]) -> None:
-        """Raise `TrainingError` for numbers out of range, for levels that are missing or given twice, and for a real
-        river without seeds; `WorldError` for a file from which no river can be made."""
+    def _check(self, grounds: Sequence[Level | Reach], seeds: Sequence[int]) -> None:
+        """Raise `TrainingError` for numbers out of range, for levels that are missing or given twice, for unseen rivers
+        of levels, and for a real river without seeds; `WorldError` for a file from which no river can be made."""
         if self.river is not None:
             self.river.check()
         names = [ground.name for ground in grounds]
         if not names or len(set(names)) < len(names):
             raise TrainingError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
         if self.river is None:
-            refuse_unseen(parse_seeds(self.world_seeds, "world_seeds", TrainingError), "world_seeds", TrainingError)
+            refuse_unseen(seeds, "world_seeds", TrainingError)
         threads = 1 if self.threads is None else self.threads
         check_numbers(steps=(self.steps, 1), num_envs=(self.num_envs, 1), threads=(threads, 1), seed=(self.seed, 0))
 

@@ -12,6 +12,7 @@ import numpy as np
 from thalweg.algos.imitation.config import CHANNELS, IMAGE_PX
 from thalweg.algos.policy.vision import NO_OPTION
 from thalweg.core import versions
+from thalweg.core.seeds import refuse_unseen
 from thalweg.datasets.episode import About, RecordedEpisode
 from thalweg.datasets.recordings import read_recordings
 from thalweg.env.moves import MOVES
@@ -23,6 +24,7 @@ from thalweg.render import Camera
 from thalweg.train.errors import TrainingError
 from thalweg.train.imitation.sequences import Sequences
 from thalweg.train.imitation.teachers import choice_worths
+from thalweg.world import LEVELS
 
 NONE, BACKWARD = 1, 2
 """Options of the branch forward. Backward has no effect in the tasks that are accepted; it is learnt as none."""
@@ -118,6 +120,9 @@ def check_flight(flight: RecordedEpisode, folder: Path) -> None:
     vehicle = flight.options_of_flight.get("vehicle", "uav")
     if vehicle != "uav":
         raise TrainingError(f"{folder} has flights of the vehicle {vehicle}; students fly the UAV")
+    level, seed = (flight.options_of_flight.get(name) for name in ("level", "world_seed"))
+    if str(level).partition("+")[0] in LEVELS and isinstance(seed, int):
+        refuse_unseen([seed], f"{folder}: world_seed", TrainingError)
     if task_named(flight.task).fast_step_m:
         raise TrainingError(f"{folder} has flights of the task {flight.task} with fast steps, which students have not")
 

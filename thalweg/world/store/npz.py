@@ -189,7 +189,9 @@ def _description_error(world: World) -> str | None:
         return f"a map of {world.ground_m.shape[0]} x {world.ground_m.shape[1]} nodes; at least 2 x 2"
     if len(river.arc_m) < 2:
         return f"a course of {len(river.arc_m)} samples; at least 2"
-    if river.length_m < river.arc_m[-1] - 1e-6 or river.arc_m[0] != 0 or (np.diff(river.arc_m) <= 0).any():
+    if river.length_m < river.arc_m[-1] - 1e-6:
+        return f"a course of {river.length_m} m with a sample at {river.arc_m[-1]} m"
+    if river.arc_m[0] != 0 or (np.diff(river.arc_m) <= 0).any():
         return f"a course of {river.length_m} m whose arc length does not grow from 0"
     return None
 

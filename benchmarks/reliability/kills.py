@@ -302,8 +302,8 @@ def trial(name: str, number: int, folder: Path, usual: Undisturbed) -> Iterator[
         if usual.contents.get(path) != there.get(path):
             faults.append(f"{path} differs from that of the undisturbed run")
     if faults and not rows:  # it ended before it could be killed
-        nothing = {"after_s": "", "finished": 0, "checkpoint": ""}
-        rows.append(dict(zip(KEY, (name, number, NO_KILL), strict=True)) | nothing)
+        nothing: dict[str, object] = {"after_s": "", "finished": 0, "checkpoint": ""}
+        rows.append({**dict(zip(KEY, (name, number, NO_KILL), strict=True)), **nothing})
     for row in rows:
         yield row | {"faults": len(faults), "first": faults[0].replace(",", ";") if faults else ""}
     if not faults:

@@ -260,7 +260,12 @@ def _encoder_for(policy: "Policy | RecurrentPolicy", command: Evaluate, rules: "
         )
     file = encoder_of(policy) if sight == "frames" and command.encoder is None else command.encoder
     encoder = load_compatible_encoder(file, command.device) if sight == "frames" else None
-    fits = {"task": rules.task, "vehicle": rules.vehicle, "action": rules.action, "dynamics": rules.dynamics}
+    fits: dict[str, Any] = {
+        "task": rules.task,
+        "vehicle": rules.vehicle,
+        "action": rules.action,
+        "dynamics": rules.dynamics,
+    }
     check_policy_fits(policy, encoder, **fits)
     return encoder
 

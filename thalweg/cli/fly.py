@@ -47,8 +47,7 @@ class Fly(ChosenFlight):
         policies = self._loaders()
         named = [given for given in self.policies if given not in PILOTS]  # whose loaders come first
         loaded = {given: load() for given, load in zip(named, policies.values(), strict=False)}
-        first = self.policies[0] if self.policies else None
-        rivers, options = self.chosen(self.size, loaded.get(first))
+        rivers, options = self.chosen(self.size, loaded.get(self.policies[0]) if self.policies else None)
         options = self.with_actions_of(options, loaded)
         pilot = HAND
         if self.policies:

@@ -104,7 +104,7 @@ class Exportable:
                 f"the policy sees {seen} with convolutions of its own, and takes no encoder: leave --encoder"
                 f" ({encoder.about.get('path', 'an encoder')}) out"
             )
-        trained = {"task": task_of(policy), "vehicle": vehicle_of(policy), "action": action_of(policy)}
+        trained: dict[str, Any] = {"task": task_of(policy), "vehicle": vehicle_of(policy), "action": action_of(policy)}
         check_policy_fits(policy, encoder, **trained)
         inputs = [{"rgb": "image", "mask": "mask"}[part] for part in seen.split("+")]
         if feels(policy):

@@ -9,7 +9,7 @@ from thalweg.algos.policy.actions import Actions
 from thalweg.core import versions
 from thalweg.core.cache import file_hash
 from thalweg.encoder import Encoder, PluginEncoder, sides
-from thalweg.env.config import DEFAULT_CONFIG, ActionSpace
+from thalweg.env.config import DEFAULT_CONFIG, ActionSpace, Vehicle
 from thalweg.env.forces.options import ForceOptions
 from thalweg.env.spaces import CHANNELS
 from thalweg.env.task.priced.eye import features_of
@@ -70,7 +70,7 @@ def task_of(policy: Any) -> str:
     return context_of(policy).get("env", {}).get("task", "River")
 
 
-def vehicle_of(policy: Any) -> str:
+def vehicle_of(policy: Any) -> Vehicle:
     """Return the vehicle that a policy was trained for, `uav` if it does not say it."""
     return context_of(policy).get("env", {}).get("vehicle", "uav")
 

@@ -1,5 +1,7 @@
 """A policy that flies: it sees what it was trained on, whichever frames the page shows."""
 
+from typing import Any
+
 import numpy as np
 import torch
 
@@ -29,7 +31,7 @@ class PolicyFlyer:
         self._encoder: Encoder | None = None
         if self._sees == "frames":
             self._encoder = load_compatible_encoder(encoder_of(policy))
-        fits = {"task": options.task, "vehicle": options.vehicle, "dynamics": options.dynamics}
+        fits: dict[str, Any] = {"task": options.task, "vehicle": options.vehicle, "dynamics": options.dynamics}
         check_policy_fits(policy, self._encoder, action=action_of(policy), **fits)
         self._numbers = action_of(policy) == "continuous"
         if self._numbers and flight.env.config.action != "continuous":

@@ -106,7 +106,7 @@ def test_a_step_that_float32_makes_longer_is_no_fast_one(step_m: float):
     plain = from_unit_actions("continuous", np.array([[0.0, 0, 1, 0]]), ratio)
     assert plain.dtype == np.float32
     assert to_unit_actions("continuous", plain, 1, ratio)[0, 2] == pytest.approx(1.0, abs=1e-6)
-    assert to_unit_actions("continuous", np.float32([[0, 0, 1.01 / ratio, 0]]), 1, ratio)[0, 2] < 0.0
+    assert to_unit_actions("continuous", np.array([[0, 0, 1.01 / ratio, 0]], np.float32), 1, ratio)[0, 2] < 0.0
 
 
 @pytest.mark.parametrize("task", PRICED)

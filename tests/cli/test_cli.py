@@ -85,7 +85,7 @@ def test_the_help_of_encoder_train_names_the_defaults_of_each_target(
     for told in (
         "Size of a code. (default: 16 for image, 32 for geometry)",
         "several. (default: Medium for image, Easy Medium Hard for geometry, Easy Medium Hard for water)",
-        "if none is given. (default: 1000:1022 for geometry, 1000:1006 for water)",
+        "With --river geometry and water: 1000:1006. (default: 1000:1022 for geometry, 1000:1006 for water)",
         "for measurement only. (default: 3000:3006 for geometry, 3000:3002 for water)",
         "(default: 2000 for image, 4096 for geometry, 2048 for water)",
         "(default: 200 for image, 1024 for geometry, 384 for water)",
@@ -105,7 +105,7 @@ def test_the_help_of_bench_names_every_suite(monkeypatch: pytest.MonkeyPatch, ca
 def test_the_help_of_train_names_every_algorithm(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture):
     text = "\n".join(help_lines(["train"], 1000, monkeypatch, capsys))
     *names, last = ALGORITHMS
-    assert f"{', '.join(names)} or {last}." in text
+    assert f"{', '.join(names)} or {last}; also as `train PPO`." in text
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGPIPE")

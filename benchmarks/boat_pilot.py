@@ -32,8 +32,10 @@ TABLE = Path(__file__).resolve().with_suffix(".csv")
 VERSIONS = {"world": str(versions.WORLD), "rules": str(versions.RULES), "vehicles": str(versions.VEHICLES)}
 """What a row depends on, by its columns."""
 COLUMNS = ("level", "seed", "return", "tight", "loose", "shallow", "length", "reason", *VERSIONS)
-SEEDS, PLANNED = "3000:3300", 300
-"""Seeds of the rivers of each level, and their number."""
+SEEDS = "3000:3300"
+"""Seeds of the rivers of each level."""
+PLANNED = len(parse_seeds(SEEDS))
+"""Their number."""
 TOGETHER = 25
 """Rivers that are run at a time, after which the table is written."""
 

@@ -47,8 +47,8 @@ PRICED = tuple(name for name in TASKS if name != PAPER_TASK)
 LEVEL, RIVERS, NUM_ENVS, STEPS, FLIGHTS = "Medium", range(1000, 1016), 16, 200_000, 60
 HOVER, LEARNER = "hover", "PPO"
 KEY = ("task", "policy", "seed", "config", "tasks", "privileged")
-"""Columns that identify a row: `config` is a hash of PPO's settings and of the versions of PPO, training and deadlines,
-and for hovering too of those of worlds, rules and evaluation; the last two are versions."""
+"""Columns that identify a row: `config` is a hash of the versions of worlds, rules and evaluation, and for PPO also of
+its settings and of the versions of PPO, training and deadlines; the last two are versions."""
 LEAST_SPAN, GREATEST_HOVER, LEAST_COST = 2.0, 0.05, 3.0
 """Points of return; share of the oracle's return; multiple of the middle limit."""
 

@@ -30,7 +30,7 @@ class Pieces:
         """Add the row of a piece, in place of an earlier one of the same piece, and write the table atomically; other
         commands may add theirs meanwhile."""
         text = {name: str(value) for name, value in row.items()}
-        with FileLock(self.path.with_name(f".{self.path.name}.lock")):
+        with FileLock(self.path.with_name(".lock")):
             rows = read_csv(self.path, self.key) if self.path.is_file() else []
             self.rows = [each for each in rows if self._identity(each) != self._identity(text)] + [text]
             write_atomic(self.path, csv_text(list(text), [list(each.values()) for each in self.rows]))

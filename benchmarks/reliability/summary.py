@@ -15,6 +15,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))  # the generated sections of pages are written as those of other benchmarks
 
 from fuzz_kinds import KINDS  # noqa: E402
+from kills import NO_KILL  # noqa: E402
 from page_sections import replace_section  # noqa: E402
 from soak import MADE_WITH, PIECE, versions_of  # noqa: E402
 
@@ -70,10 +71,11 @@ def killed(rows: Sequence[dict[str, str]]) -> str:
     lines = []
     for command in dict.fromkeys(row["command"] for row in rows):
         own = [row for row in rows if row["command"] == command]
+        kills = [row for row in own if row["kill"] != NO_KILL]
         trials = {row["trial"]: row for row in own}
         faulty = sum(row["faults"] != "0" for row in trials.values())
-        after = sum(row["finished"] != "0" for row in own)
-        lines.append([f"`{command}`", f"{len(own)} of {WANTED_KILLS}", str(after), str(len(trials)), str(faulty)])
+        after = sum(row["finished"] != "0" for row in kills)
+        lines.append([f"`{command}`", f"{len(kills)} of {WANTED_KILLS}", str(after), str(len(trials)), str(faulty)])
     header = ["command", "kills", "after something was finished", "trials", "trials with faults"]
     return markdown(frame(header, lines)) if rows else NOTHING
 

@@ -96,7 +96,7 @@ def check_context(context: Mapping[str, Any]) -> None:
         if not isinstance(key, str) or SEPARATOR in key:
             raise TrainingError(f"keys of context must be strings without {SEPARATOR!r}, got {key!r}")
     try:
-        load(_yaml(dict(context)), yaml.SafeLoader)
+        load(config_text(dict(context)), yaml.SafeLoader)
     except yaml.YAMLError as error:
         raise TrainingError(f"context cannot be read back from config.yaml: {error}") from error
     for key in CONTEXT_MAPPINGS:
@@ -110,11 +110,6 @@ def _keys(data: Any) -> Iterator[Any]:
         yield from data
     for part in data.values() if isinstance(data, Mapping) else data if isinstance(data, list | tuple) else ():
         yield from _keys(part)
-
-
-def config_text(description: dict[str, Any]) -> str:
-    """Return what `write_config` writes; raises `TrainingError` for anything but plain data."""
-    return _yaml(description)
 
 
 def write_config(folder: Path, description: dict[str, Any]) -> None:
@@ -229,10 +224,11 @@ def _identity(run: dict[str, Any]) -> dict[str, Any]:
 
 def _as_read_from_yaml(data: dict[str, Any]) -> dict[str, Any]:
     """Return the data as it reads back from YAML: tuples become lists."""
-    return yaml.safe_load(_yaml(data))
+    return yaml.safe_load(config_text(data))
 
 
-def _yaml(data: Any) -> str:
+def config_text(data: Any) -> str:
+    """Return data as config.yaml has it; raises `TrainingError` for anything but plain data."""
     try:
         return yaml.safe_dump(data, sort_keys=False, allow_unicode=True)
     except yaml.YAMLError as error:

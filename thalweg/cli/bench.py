@@ -53,7 +53,7 @@ class Bench(Command):
     verify: Path | None = None
     """Folder of the suite's results: the runs of --only are made again and compared with it; status 1: they differ."""
     policy: Policies = ()
-    """Function that is flown without training, such as fly.py:fly; may be given several times."""
+    """Flown without training: a function (fly.py:fly), a run's folder, a policy file or packaged-rgb; repeatable."""
     plugin: Plugins = ()
 
     resumes = True
@@ -109,15 +109,15 @@ class RequestedRuns:
     rules: Rules
     """Replace those of the suite."""
     policies: tuple[str, ...]
-    """Functions that are flown too."""
+    """Functions and policies that are flown too."""
 
     def resolved(self) -> "Suite":
-        """Return the suite with the rules, the functions and the river; raises the errors of each."""
-        from thalweg.bench.suite.arms import Function
+        """Return the suite with the rules, the policies and the river; raises the errors of each."""
         from thalweg.bench.suite.builtin import load_suite
+        from thalweg.bench.suite.flown import flown
 
         suite = self.rules.of(load_suite(self.suite))
-        suite = replace(suite, policies=(*suite.policies, *map(Function, self.policies)))
+        suite = replace(suite, policies=(*suite.policies, *map(flown, self.policies)))
         reach = self.river.reach("a suite", None)
         return suite if reach is None else with_river(suite, reach)
 

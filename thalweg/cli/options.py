@@ -111,7 +111,7 @@ times, and has its help here."""
 
 
 Policies = Annotated[tuple[str, ...], UseAppendAction]
-"""Functions that fly; the option may be given several times."""
+"""Functions and policies that fly; the option may be given several times."""
 
 
 def load_world(river: RiverFile, level: str | None, seed: int | None, vehicle: str = "uav") -> Any:

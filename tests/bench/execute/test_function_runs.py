@@ -18,8 +18,9 @@ from thalweg.bench.leaderboard import entries, leaderboard
 from thalweg.bench.report.report import problems
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.run_versions import read_sources, read_versions
-from thalweg.bench.suite.arms import Function, Run
+from thalweg.bench.suite.arms import Run
 from thalweg.bench.suite.config import Suite
+from thalweg.bench.suite.flown import Function
 from thalweg.core import versions
 from thalweg.core.plugins.record import PluginWarning
 

@@ -105,7 +105,7 @@ def test_the_suite_of_geometry_trains_what_the_paper_does_on_its_codes():
 def test_the_suite_of_imitation_trains_from_the_packaged_policy_on_images():
     suite = SUITES["imitated"]
     assert [arm.label for arm in suite.arms] == ["PPO-imitated", "PPOLag-imitated", "CPO-imitated"]
-    assert {(arm.begin_with, arm.observation, arm.steps, arm.seeds) for arm in suite.arms} == {
+    assert {(arm.as_data()["begin_with"], arm.observation, arm.steps, arm.seeds) for arm in suite.arms} == {
         ("packaged", "rgb+mask", 100_000, (0, 1, 2))
     }
     assert {suite.seeds_of(arm, arm) for arm in suite.arms} == {tuple(range(1000, 1016))}
@@ -264,9 +264,9 @@ CNN = {"algorithm": "PPO", "settings": {"policy": "cnn"}}
     [
         (CNN, r"PPO: policy=cnn sees images: set observation to rgb\+mask or rgb or mask, not frames"),
         ({"algorithm": "PPO", "observation": "mask"}, "the observation mask is for policies with convolutions"),
-        (CNN | {"observation": "rgb", "begin_with": "packaged"}, r"the packaged policy sees rgb\+mask, not rgb"),
-        ({"algorithm": "PPO", "begin_with": "packaged"}, r"the packaged policy sees rgb\+mask, not frames"),
-        ({"algorithm": "PPO", "begin_with": "mine"}, "begin_with must be one of '', 'packaged', got 'mine'"),
+        (CNN | {"observation": "rgb", "begin_with": "packaged"}, r"the policy packaged sees rgb\+mask, not rgb"),
+        ({"algorithm": "PPO", "begin_with": "packaged"}, r"the policy packaged sees rgb\+mask, not frames"),
+        ({"algorithm": "PPO", "begin_with": "mine"}, "begin_with: there is no policy at mine: give a run's folder or"),
         (CNN | {"observation": "rgb+mask", "begin_with": "packaged", "steps": 2048}, "critic_warmup_steps must be at"),
     ],
 )
@@ -289,7 +289,7 @@ def test_a_duplicate_key_is_an_error(tmp_path: Path):
 
 
 def test_the_file_in_the_docs_is_a_valid_suite(tmp_path: Path):
-    shown, _ = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "bench.md").read_text(), flags=re.DOTALL)
+    shown, *_ = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "bench.md").read_text(), flags=re.DOTALL)
     suite = load_suite(written(tmp_path, shown))
     assert [arm.label for arm in suite.arms] == ["FOCOPS", "FOCOPS-strict"]
 

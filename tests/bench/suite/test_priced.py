@@ -91,7 +91,7 @@ def test_seven_algorithms_learn_through_frames_at_the_middle_limit_and_in_two_ta
 def test_policies_with_convolutions_learn_to_mind_swimmers_from_nothing_and_from_the_packaged_policy():
     arms = {arm.label: arm for arm in load_suite("swimmers-frames").arms if arm.observation == "rgb+mask"}
     begun = {"PPOLag-cnn-15": "", "PPOLag-imitated-15": "packaged", "CPO-imitated-15": "packaged"}
-    assert {name: arm.begin_with for name, arm in arms.items()} == begun
+    assert {name: arm.as_data().get("begin_with", "") for name, arm in arms.items()} == begun
     for name, arm in arms.items():
         config = algorithm_named(arm.algorithm).configure(dict(arm.settings))
         assert config.cost_limit == 15.0 and config.sees_images

@@ -14,9 +14,10 @@ from thalweg.bench.evaluate.course import Course
 from thalweg.bench.execute import backend
 from thalweg.bench.execute.backend import RiverBackend
 from thalweg.bench.execute.runner import claim
-from thalweg.bench.suite.arms import Arm, Function, Run
+from thalweg.bench.suite.arms import Arm, Run
 from thalweg.bench.suite.builtin import load_suite
 from thalweg.bench.suite.config import Suite
+from thalweg.bench.suite.flown import Function
 from thalweg.bench.suite.record import read_suite, rules_in_words
 from thalweg.bench.suite.views import TrainingViews
 from thalweg.cli.bench import Rules
@@ -89,7 +90,7 @@ def test_continuous_actions_are_those_of_training_and_flights():
         replace(suite, packaged=True)
     begun = Arm("PPO", settings={"policy": "cnn"}, observation="rgb+mask", begin_with="packaged", name="begun")
     assert replace(OWN, arms=(begun,)).arms == (begun,)
-    with pytest.raises(ResultsError, match="arm begun: the packaged policy has no continuous actions"):
+    with pytest.raises(ResultsError, match="arm begun: the policy packaged has no continuous actions"):
         replace(suite, arms=(begun,))
 
 

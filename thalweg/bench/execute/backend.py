@@ -116,7 +116,7 @@ class RiverBackend:
     def train(self, run: Run, folder: Path) -> None:
         """Train on the arm's levels, one stage after another."""
         arm = self.suite.arm(run.algorithm)
-        before = PACKAGED_POLICY if arm.begin_with else None
+        before = None if arm.begin_with is None else arm.begin_with.unchanged().path
         for number, stage in enumerate(arm.before):
             stage_folder = folder / STAGES / str(number)
             self._train(run, stage, self.suite.level_of(stage), stage_folder, before)
@@ -143,6 +143,8 @@ class RiverBackend:
             return BASELINES[run.algorithm]
         if run.kind == "function":
             return self.suite.function(run.algorithm).policy
+        if run.kind == "policy":
+            return self.suite.policy_file(run).unchanged().policy
         return load_policy(PACKAGED_POLICY if run.kind == "packaged" else folder)
 
     def observers(
@@ -191,7 +193,7 @@ class RiverBackend:
         """Return the name of the run's policy for people."""
         if run.kind in ("baseline", "function"):
             return run.algorithm
-        if run.kind == "train":
+        if run.kind in ("train", "policy"):
             return f"{run.algorithm}, seed {run.seed}"
         algorithm = getattr(getattr(self.policy(run, folder), "about", None), "algorithm", "")
         return f"packaged policy ({algorithm})" if algorithm else "packaged policy"

@@ -24,6 +24,7 @@ BEST, FAILURE = KINDS
 WHOSE = {
     "packaged": "the packaged policy",
     "train": "trained policies",
+    "policy": "policies trained before",
     "function": "functions",
     "baseline": "baselines",
 }
@@ -94,7 +95,7 @@ def best_of_all(suite: Suite, results: Results) -> Shot | None:
     """
     level = suite.train_level if suite.train_level in suite.test_levels else suite.test_levels[0]
     first = ("train", "packaged") if suite.film == "best" else ("packaged", "train")
-    for kind in (*first, "function", "baseline"):
+    for kind in (*first, "policy", "function", "baseline"):
         flights = _flights([run for run in suite.runs() if run.kind == kind], level, results)
         if flights:
             run, episode = _best(flights)

@@ -96,7 +96,8 @@ def _check_suite(suite: Suite, recorded: Path, requested: Sequence[Run]) -> None
     names = {run.algorithm for run in requested}
     for record in (there, here):
         record["arms"] = {name: _without_seeds(arm) for name, arm in record["arms"].items() if name in names}
-        for key in ("name", "baselines", "packaged", "policies"):  # other runs than those that are compared
+        record["policies"] = [each for each in record["policies"] if each["name"] in names and "policy" in each]
+        for key in ("name", "baselines", "packaged"):  # other runs than those that are compared
             record.pop(key, None)
     RESULTS_FOLDER.require_same(recorded, there, here)
 

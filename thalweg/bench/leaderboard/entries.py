@@ -21,7 +21,7 @@ from thalweg.bench.report.policies import limit_met, training_regret
 from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
-from thalweg.bench.suite.record import arms_of, task_of
+from thalweg.bench.suite.record import arms_of, begins_with_teacher, encoder_of, seeds_of_flown, task_of
 from thalweg.env.tasks import PAPER_TASK
 from thalweg.world import LEVELS
 
@@ -40,9 +40,9 @@ class Entry(PolicyEntry):
     regret: float | None
     """Mean over seeds, in the last stage of training; None where it is not known."""
     trained: bool = True
-    """Whether it was trained here; a function and the packaged policy were not."""
+    """Whether it was trained here; functions, the packaged policy and others of files were not."""
     taught: bool = False
-    """Whether it learnt from a teacher that knows the map: the packaged policy, and those that begin with it."""
+    """Whether it learnt from a teacher that knows the map, or began with a policy that did, as the packaged one."""
 
     @property
     def limit_met(self) -> str:
@@ -68,7 +68,7 @@ def read_folder(folder: Path) -> Results:
 
 def entries(folder: Path) -> list[Entry]:
     """Return the policies of a results folder of the paper's task, as far as any run of them has started: trained
-    ones, the packaged one, and functions. The list is empty for a folder of another task.
+    ones, the packaged one, functions, and others of files. The list is empty for a folder of another task.
 
     Raises `ResultsError` for a folder that holds no results, or no readable suite.
     """
@@ -83,14 +83,11 @@ def entries_of(results: Results) -> list[Entry]:
         for name, usual, other in flown_names(results, arm["name"]):
             if usual or any(row.algorithm == name for row in results.runs):
                 found.append(_entry(results, name, arm, usual, other))
-    if results.suite.get("packaged"):
-        for name, usual, other in flown_names(results, PACKAGED):
+    packaged = {"name": PACKAGED, "observation": PACKAGED_SEES, "taught": True}
+    for policy in [*([packaged] if results.suite.get("packaged") else []), *results.suite.get("policies", [])]:
+        for name, usual, other in flown_names(results, policy["name"]):
             if usual:
-                found.append(_flown_entry(results, name, PACKAGED, usual, other))
-    for function in results.suite.get("policies", []):
-        for name, usual, other in flown_names(results, function["name"]):
-            if usual:
-                found.append(_flown_entry(results, name, function["name"], usual, other, function["observation"]))
+                found.append(_flown_entry(results, name, policy, usual, other))
     return found
 
 
@@ -112,29 +109,27 @@ def _returns(usual: Flights, unseen: Flights) -> dict[str, Estimate]:
     return returns | ({UNSEEN.name: mean_estimate(unseen[LEVEL], "return_")} if LEVEL in unseen else {})
 
 
-def _flown_entry(
-    results: Results, name: str, policy: str, usual: Flights, unseen: Flights, observation: str = PACKAGED_SEES
-) -> Entry:
-    """Return the entry of a policy that was not trained here, a function or the packaged policy, which was flown once
-    from every start and cannot be compared over seeds."""
-    rules = missing_rules(results, has_price=False)
-    missing = [*rules, *missing_starts(results), *missing_flights(results, [0], usual, unseen)]
+def _flown_entry(results: Results, name: str, policy: dict[str, Any], usual: Flights, unseen: Flights) -> Entry:
+    """Return the entry of a policy that was not trained here, by its record in the suite; each of its seeds, which a
+    policy of several files alone has, was flown once from every start."""
+    seeds, rules = seeds_of_flown(policy), missing_rules(results, has_price=False)
+    missing = [*rules, *missing_starts(results), *missing_flights(results, seeds, usual, unseen)]
     return Entry(
-        policy=policy,
+        policy=policy["name"],
         source=results.folder.resolve().name,
         versions=versions_of(results, name),
         level="not here",
         steps=0,
-        seeds=1,
+        seeds=len(seeds),
         cost=mean_estimate(usual[LEVEL], "cost") if LEVEL in usual else None,
         returns=_returns(usual, unseen),
         regret=None,
         missing=("current versions",) if name in results.outdated else tuple(missing),
-        observation=observation,
-        encoder=results.suite.get("encoder", "default"),
+        observation=policy["observation"],
+        encoder=encoder_of(results.suite, policy),
         made_by=results.made_by(name),
         trained=False,
-        taught=policy == PACKAGED,
+        taught=bool(policy.get("taught")),
     )
 
 
@@ -146,5 +141,5 @@ def _entry(results: Results, name: str, arm: dict[str, Any], usual: Flights, uns
         cost=mean_estimate(usual[LEVEL], "cost") if LEVEL in usual else None,
         returns=_returns(usual, unseen),
         regret=training_regret(results, name),
-        taught=bool(arm.get("begin_with")),
+        taught=begins_with_teacher(arm),
     )

@@ -36,12 +36,12 @@ that sees images itself is followed by their channels, {" or ".join(f"*({channel
 """
 TAUGHT_NOTE = """These policies learnt from a pilot that knows the map before anything else, so they are ranked among
 themselves. The packaged policy was imitated on other rivers than these, in more steps than a row may have, and is flown
-once from every start, so that it has no interval over seeds. The others begin with it; their steps are those that
-follow."""
+once from every start, so that it has no interval over seeds; so are other policies of files, but that each file is a
+seed. Those with steps begin with one of these, and their steps are those that follow."""
 PRIVILEGED_NOTE = """These policies see what a perfect camera could tell instead of frames, so they are ranked among
 themselves."""
-FUNCTIONS_NOTE = """Functions that were flown as they are, each once from every start, so that there is no interval over
-seeds. *Versions* has the version and the hash of the source of each."""
+FUNCTIONS_NOTE = """Functions, and policies that were trained before, flown as they are, once from every start; of a
+policy of several files, each is a seed. *Versions* has the version and the hash of the source of each function."""
 OTHER_LEVELS = tuple(level for level in LEVELS if level != LEVEL)
 COLUMNS = (
     "policy", "results", "limit met", "cost", LEVEL, *OTHER_LEVELS, "unseen", "regret",

@@ -1,6 +1,6 @@
 """What a row of the leaderboard must have to be ranked, and what results lack of it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from thalweg.bench.evaluate.conditions import CONDITIONS
@@ -64,6 +64,8 @@ def missing_of_arm(results: Results, arm: dict[str, Any], usual: Flights, unseen
     missing, planned = missing_rules(results, has_price), arm["seeds"]
     if len(planned) < MIN_SEEDS:
         missing.append(f"{MIN_SEEDS} seeds")
+    if isinstance(begun := arm.get("begin_with"), Mapping) and not begun.get("taught"):
+        missing.append("training from weights drawn by the seed")
     if training_steps(arm) > MAX_STEPS:
         missing.append(f"no more than {MAX_STEPS:,} steps")
     missing += missing_starts(results)

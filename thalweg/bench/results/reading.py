@@ -198,9 +198,9 @@ def versions_today(suite: Mapping[str, Any], policy: str, recorded: Versions) ->
         return current_versions("baseline", [policy], **where)
     if policy == PACKAGED:
         return current_versions("packaged", (), **where)
-    function = next((each for each in suite.get("policies", []) if each["name"] == policy), None)
-    if function is not None:  # its version is not known here: a report loads no function
-        seen, encoder = function["observation"], suite.get("encoder", "default")
+    flown = next((each for each in suite.get("policies", []) if each["name"] == policy), None)
+    if flown is not None:  # a function's version is not known here: a report loads no function
+        seen, encoder = flown["observation"], encoder_of(suite, flown)
         made = current_versions("function", (), observation=seen, encoder=encoder, **where)
         return made | ({policy: recorded[policy]} if policy in recorded else {})
     arm = next((arm for arm in arms_of(suite) if arm["name"] == policy), None)
@@ -213,7 +213,7 @@ def versions_today(suite: Mapping[str, Any], policy: str, recorded: Versions) ->
             encoder=encoder_of(suite, arm),
             asymmetric_critics=some_critics_are_asymmetric(stages),
             told_cost_critics=some_cost_critics_are_told(stages),
-            begins_with_packaged=bool(arm.get("begin_with")),
+            begins_with_packaged=arm.get("begin_with") == PACKAGED,
             **where,
         )
     known = (

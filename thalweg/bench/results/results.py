@@ -26,7 +26,7 @@ from thalweg.bench.evaluate.episodes import ALL_REASONS, FIRST_COST, REASON_TEXT
 from thalweg.bench.packaged import PACKAGED
 from thalweg.bench.results.run_versions import Sources, Versions, some_critics_are_asymmetric
 from thalweg.bench.results.statistics import TrainingLog
-from thalweg.bench.suite.record import arms_of, observation_of, stages_of
+from thalweg.bench.suite.record import arms_of, observation_of, seeds_of_flown, stages_of
 from thalweg.core.atomic_io import write_atomic
 from thalweg.train.observations import PRIVILEGED, SEEN_BY_CRITICS
 
@@ -181,12 +181,12 @@ class Results:
         suite = self.suite
         baselines = [(name, 0) for name in suite.get("baselines", [])]
         flown = [(PACKAGED, 0)] if suite.get("packaged") else []
-        flown += [(function["name"], 0) for function in suite.get("policies", [])]
+        flown += [(policy["name"], seed) for policy in suite.get("policies", []) for seed in seeds_of_flown(policy)]
         flown += [(arm["name"], seed) for arm in arms_of(suite) for seed in arm["seeds"]]
         failed = {(row.algorithm, row.seed) for row in self.runs if row.status != "finished"}
         main = {"name": "", "blind": True, "levels": [], "rivers": []}
         privileged = self.privileged | {
-            function["name"] for function in suite.get("policies", []) if function["observation"] == PRIVILEGED
+            policy["name"] for policy in suite.get("policies", []) if policy["observation"] == PRIVILEGED
         }
         return {
             (condition["name"], name, seed, level)

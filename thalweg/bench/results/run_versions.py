@@ -50,16 +50,17 @@ def current_versions(
     forces: bool = False,
     banks: bool = False,
 ) -> dict[str, int | None]:
-    """The versions that a run of a kind (`train`, `baseline`, `packaged` or `function`) depends on.
+    """The versions that a run of a kind depends on: `train`, `baseline`, `packaged`, or `function` for functions and
+    policies that were trained before.
 
     `algorithms` are those of all stages of its training, or a baseline's name; the version of a function is not among
-    them. `observation` is what a trained policy sees: only codes of frames depend on the packaged `encoder` of this
-    name, and only the privileged observation does not depend on the renderer; `asymmetric_critics` is whether the
-    critics of some stage see the privileged one as well, `told_cost_critics` whether critics of costs are among them,
-    and `begins_with_packaged` whether training begins with the packaged policy, which sees images; baselines see
-    nothing. Only results of a `task` beside the paper's depend on the tasks, where frames show its objects, on these,
-    and where a policy is trained, on deadlines; only those under `forces` on wind, current and inertia, and only those
-    of a suite with other `banks` than forest on these.
+    them, nor the content of a policy, to which results belong. `observation` is what a trained policy sees: only codes
+    of frames depend on the packaged `encoder` of this name, and only the privileged observation does not depend on the
+    renderer; `asymmetric_critics` is whether the critics of some stage see the privileged one as well,
+    `told_cost_critics` whether critics of costs are among them, and `begins_with_packaged` whether training begins with
+    the packaged policy, which sees images; baselines see nothing. Only results of a `task` beside the paper's depend on
+    the tasks, where frames show its objects, on these, and where a policy is trained, on deadlines; only those under
+    `forces` on wind, current and inertia, and only those of a suite with other `banks` than forest on these.
     """
     flown: dict[str, int | None] = {"world": versions.WORLD, "rules": versions.RULES, EVALUATION: versions.EVALUATION}
     if task != "River":

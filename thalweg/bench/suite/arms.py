@@ -1,15 +1,14 @@
-"""What a suite executes: arms, which are trained, functions, which are only flown, and runs of them."""
+"""What a suite trains: arms, and their earlier stages; and the runs of all that it executes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.functions import FunctionPolicy, is_reference
 from thalweg.bench.evaluate.rivers import NAME
+from thalweg.bench.suite.policy_files import Begun
 from thalweg.core.config import TupleOf, WholeNumber, frozen_config, to_plain
 from thalweg.core.seeds import MAX_SEED, compact_seeds, parse_seeds
 
@@ -70,8 +69,9 @@ class Arm:
     """Encoder of the frames in all stages; if None, that of the suite."""
     world_seeds: RiverSeeds = ()
     """Seeds of the level's rivers; if empty, those of the suite."""
-    begin_with: Literal["", "packaged"] = ""
-    """What the first stage starts from: the policy that comes with the package, or weights drawn by the seed."""
+    begin_with: Begun | None = None
+    """Policy that the first stage starts from: `packaged` or `packaged-rgb`, a run's folder, or a policy file; if None,
+    weights drawn by the seed."""
 
     @model_validator(mode="after")
     def _check(self) -> "Arm":
@@ -92,56 +92,20 @@ class Arm:
         """Return plain data for JSON, with the label as the name; without an observation, an encoder or rivers
         that are the suite's, and a policy to begin with if there is none, as before arms had them."""
         before = [without(to_plain(stage), world_seeds=[]) | seeds_as_data(stage.world_seeds) for stage in self.before]
-        own = without(to_plain(self), observation=None, encoder=None, world_seeds=[], begin_with="")
-        own |= seeds_as_data(self.world_seeds)
+        own = without(to_plain(self), observation=None, encoder=None, world_seeds=[]) | seeds_as_data(self.world_seeds)
+        del own["begin_with"]
+        own |= {} if self.begin_with is None else {"begin_with": self.begin_with.as_data()}
         return own | {"before": before, "name": self.label}
-
-
-@frozen_config(ResultsError)
-class Function:
-    """A function that is flown without training, see `thalweg.bench.evaluate.functions`."""
-
-    function: str
-    """A file or a module, and a name in it: `fly.py:fly`. It is loaded when the suite is constructed."""
-    name: str = ""
-    """Name of its results; if empty, that which the function has itself."""
-
-    @model_validator(mode="after")
-    def _check(self) -> "Function":
-        if not is_reference(self.function):
-            raise ValueError(
-                f"function must be a file or a module, and a name in it, such as fly.py:fly, got {self.function!r}"
-            )
-        self.policy  # noqa: B018  raises the error of one that cannot be loaded
-        return self
-
-    @cached_property
-    def policy(self) -> FunctionPolicy:
-        """The function as a policy."""
-        return FunctionPolicy.load(self.function, self.name)
-
-    @property
-    def label(self) -> str:
-        return self.policy.name
-
-    def as_data(self) -> dict[str, str]:
-        """Return plain data for JSON. Version and source are no part of the suite: results that they outdate are done
-        again."""
-        return {"function": self.function, "name": self.label, "observation": self.policy.observation}
-
-    def __getstate__(self) -> dict[str, str]:
-        """Return what is sent to another process, which loads the function itself."""
-        return {"function": self.function, "name": self.name}
 
 
 @dataclass(frozen=True)
 class Run:
-    """A policy of a suite: trained, a baseline, the one that comes with the package, or a function."""
+    """A policy of a suite: trained, a baseline, the one that comes with the package, a function, or one of files."""
 
     kind: str
-    """`train`, `baseline`, `packaged` or `function`."""
+    """`train`, `baseline`, `packaged`, `function` or `policy`."""
     algorithm: str
-    """Label of the arm or the function, or name of the baseline."""
+    """Label of the arm, the function or the policy, or name of the baseline."""
     seed: int
 
     @property

@@ -17,6 +17,7 @@ from thalweg.bench.evaluate.conditions import CONDITIONS, Condition
 from thalweg.bench.packaged import PACKAGED, PACKAGED_SEES
 from thalweg.bench.suite.arms import Arm, Stage
 from thalweg.bench.suite.config import Suite
+from thalweg.bench.suite.policy_files import PolicyFile
 from thalweg.bench.suite.priced import PRICED_SUITES, TRAINED_ON
 from thalweg.core.config import parse_config
 from thalweg.core.suggestion import did_you_mean
@@ -111,7 +112,7 @@ _IMITATED = tuple(
         settings={"policy": "cnn", "imitation_kl": 1.0, "imitation_kl_share": 0.5},
         steps=100_000,
         observation=PACKAGED_SEES,
-        begin_with=PACKAGED,
+        begin_with=PolicyFile.of(PACKAGED),
         name=f"{name}-imitated",
     )
     for name in ("PPO", "PPOLag", "CPO")

@@ -22,12 +22,11 @@ from thalweg.bench.evaluate.rivers import (
     recorded_reach,
     refuse_unknown_levels,
 )
-from thalweg.bench.packaged import PACKAGED, PACKAGED_SEES
+from thalweg.bench.packaged import PACKAGED
 from thalweg.bench.suite.arms import (
     Arm,
     Count,
     EncoderName,
-    Function,
     Observation,
     RiverSeeds,
     Run,
@@ -37,6 +36,8 @@ from thalweg.bench.suite.arms import (
     seeds_as_data,
     without,
 )
+from thalweg.bench.suite.flown import Flown, Function, SavedPolicy, flown
+from thalweg.bench.suite.policy_files import PolicyFile
 from thalweg.bench.suite.views import TrainingViews
 from thalweg.core.config import TupleOf, frozen_config, refuse_unknown, to_plain
 from thalweg.core.plugins.record import PluginError
@@ -46,8 +47,8 @@ from thalweg.env.forces.options import ForceOptions
 from thalweg.env.tasks import task_names
 from thalweg.train.encoder_of_run import check_size_fits
 from thalweg.train.errors import TrainingError
-from thalweg.train.observations import FRAMES, IMAGES, PRIVILEGED
-from thalweg.train.river import RiverTraining
+from thalweg.train.observations import FRAMES, IMAGES, PRIVILEGED, action_of, check_policy_fits
+from thalweg.train.river import RiverTraining, load_compatible_encoder
 from thalweg.train.run import check_warmup, sees_images
 from thalweg.world import Reach
 
@@ -93,8 +94,8 @@ class Suite:
     """Number of parallel environments in training."""
     baselines: TupleOf[str] = ("random", "hover", "forward", "pilot")
     """Policies that need no training."""
-    policies: TupleOf[Function] = ()
-    """Functions that are flown without training."""
+    policies: TupleOf[Annotated[Flown, BeforeValidator(flown)]] = ()
+    """Functions and policies that were trained before, flown without training."""
     packaged: bool = True
     """Whether the policy that comes with the package is evaluated too."""
     files: Files = field(default_factory=dict)
@@ -129,6 +130,7 @@ class Suite:
             self._check_repeated()
             self._check_actions()
             self._check_views()
+            self._check_saved()
         except ValueError as error:
             raise ValueError(f"suite {self.name}: {error}") from error
         if not self.runs() or not self.test_levels:
@@ -137,7 +139,7 @@ class Suite:
             for index, each in enumerate((*arm.before, arm)):
                 try:
                     config = algorithm_named(each.algorithm).configure(dict(each.settings), each.preset, self.num_envs)
-                    if index or arm.begin_with:  # it begins with the policy of the stage before, or another one
+                    if index or arm.begin_with is not None:  # begins with the policy of the stage before, or another
                         check_warmup(config, each.steps, self.num_envs)
                     self._check_sight(arm, sees_images(config))
                 except (AlgorithmError, PluginError, TrainingError) as error:
@@ -152,10 +154,10 @@ class Suite:
             raise TrainingError(f"policy=cnn sees images: set observation to {' or '.join(IMAGES)}, not {seen}")
         if seen in IMAGES and not has_convolutions:
             raise TrainingError(f"the observation {seen} is for policies with convolutions: set policy=cnn")
-        if arm.begin_with and seen != PACKAGED_SEES:
+        if arm.begin_with is not None and seen != (sees := arm.begin_with.observation):
+            how = f"set policy=cnn and observation to {sees}" if sees in IMAGES else f"set observation to {sees}"
             raise TrainingError(
-                f"the packaged policy sees {PACKAGED_SEES}, not {seen}: leave begin_with out, or set policy=cnn and"
-                f" observation to {PACKAGED_SEES}"
+                f"the policy {arm.begin_with.given} sees {sees}, not {seen}: leave begin_with out, or {how}"
             )
 
     def _check_known(self) -> None:
@@ -201,12 +203,12 @@ class Suite:
             raise ValueError(
                 "the packaged policy has no continuous actions, which the flights take: set packaged: false"
             )
-        begun = [arm.label for arm in self.arms if arm.begin_with]
-        if begun:
-            raise ValueError(
-                f"arm {begun[0]}: the packaged policy has no continuous actions, which the flights take: leave"
-                " begin_with out"
-            )
+        for arm in self.arms:
+            if arm.begin_with is not None and action_of(arm.begin_with.policy) != self.training_rules.action:
+                raise ValueError(
+                    f"arm {arm.label}: the policy {arm.begin_with.given} has no continuous actions, which the flights"
+                    " take: leave begin_with out"
+                )
         shields = [condition.name for condition in self.conditions if condition.shield]
         if shields:
             raise ValueError(f"condition {shields[0]}: the shield judges no continuous actions, which the flights take")
@@ -227,6 +229,16 @@ class Suite:
                     check_size_fits(self.views.camera, encoder_size(encoder), encoder)
                 except TrainingError as error:
                     raise ValueError(f"{arm.label}: {error}") from error
+
+    def _check_saved(self) -> None:
+        """Raise `ValueError` for a policy that was trained before and does not fit the flights."""
+        rules = self.rules
+        for file in (file for saved in self.policies if isinstance(saved, SavedPolicy) for file in saved.policy):
+            encoder = None if file.encoder is None else load_compatible_encoder(file.encoder)
+            try:
+                check_policy_fits(file.policy, encoder, task=rules.task, action=rules.action, dynamics=rules.dynamics)
+            except TrainingError as error:
+                raise ValueError(f"{file.given}: {error}") from error
 
     def _check_repeated(self) -> None:
         """Raise `ValueError` for anything that is named twice: its results would count twice.
@@ -251,7 +263,12 @@ class Suite:
         baselines = [Run("baseline", name, 0) for name in self.baselines]
         packaged = [Run("packaged", PACKAGED, 0)] if self.packaged else []
         trained = [Run("train", arm.label, seed) for arm in self.arms for seed in arm.seeds]
-        return (*baselines, *packaged, *(Run("function", each.label, 0) for each in self.policies), *trained)
+        flown = [
+            Run("function" if isinstance(each, Function) else "policy", each.label, seed)
+            for each in self.policies
+            for seed in each.seeds
+        ]
+        return (*baselines, *packaged, *flown, *trained)
 
     def trials(self, run: Run) -> tuple[Trial, ...]:
         """Return the evaluations of a run's policy, those under the main condition first.
@@ -281,7 +298,15 @@ class Suite:
 
     def function(self, label: str) -> Function:
         """Return the function with a label."""
-        return next(each for each in self.policies if each.label == label)
+        return next(each for each in self.policies if isinstance(each, Function) and each.label == label)
+
+    def saved(self, label: str) -> SavedPolicy:
+        """Return the policy that was trained before with a label."""
+        return next(each for each in self.policies if isinstance(each, SavedPolicy) and each.label == label)
+
+    def policy_file(self, run: Run) -> PolicyFile:
+        """Return the file of a run of a policy that was trained before."""
+        return self.saved(run.algorithm).policy[run.seed]
 
     def arm(self, label: str) -> Arm:
         """Return the arm with a label."""
@@ -335,12 +360,15 @@ class Suite:
         if run.kind == "baseline":
             return None
         if run.kind == "function":
-            return self.function(run.algorithm).policy.observation
+            return self.function(run.algorithm).observation
+        if run.kind == "policy":
+            return self.saved(run.algorithm).observation
         return "frames" if run.kind == "packaged" else self.arm(run.algorithm).observation or self.observation
 
     def encoder_of(self, run: Run) -> EncoderName:
         """Return the name of the encoder of the frames that a run's policy sees, if it sees any."""
         own = "default" if run.kind in ("baseline", "packaged") else None
+        own = self.saved(run.algorithm).encoder if run.kind == "policy" else own
         own = self.arm(run.algorithm).encoder if run.kind == "train" else own
         return own or self.encoder
 

@@ -11,6 +11,7 @@ from thalweg.bench.evaluate.conditions import CONDITIONS
 from thalweg.bench.packaged import PACKAGED, PACKAGED_SEES
 from thalweg.bench.suite.arms import Arm
 from thalweg.bench.suite.config import Suite
+from thalweg.bench.suite.policy_files import PolicyFile
 from thalweg.env.tasks import TaskName
 
 LIMITS: Mapping[TaskName, tuple[float, float, float]] = {
@@ -81,7 +82,7 @@ def _with_convolutions(task: TaskName) -> tuple[Arm, ...]:
     limit = LIMITS[task][1]
     settings = {"policy": "cnn"} | _constant(limit)
     near = settings | {"imitation_kl": 1.0, "imitation_kl_share": 0.5}
-    begun: dict[str, Any] = {"settings": near, "observation": PACKAGED_SEES, "begin_with": PACKAGED}
+    begun: dict[str, Any] = {"settings": near, "observation": PACKAGED_SEES, "begin_with": PolicyFile.of(PACKAGED)}
     return (
         Arm("PPOLag", settings=settings, observation=PACKAGED_SEES, name=f"PPOLag-cnn-{limit:g}"),
         *(Arm(name, name=f"{name}-imitated-{limit:g}", **begun) for name in ("PPOLag", "CPO")),

@@ -47,6 +47,8 @@ class ArmRecord:
     encoder: str | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     preset: str = "default"
+    begin_with: str | Mapping[str, Any] = ""
+    """`packaged`, or file, content and whether it was taught, as `PolicyFile.as_data` writes it; empty for none."""
 
 
 @frozen_config(ResultsError, extra="ignore")
@@ -67,11 +69,23 @@ class ConditionRecord:
 
 
 @frozen_config(ResultsError, extra="ignore")
-class FunctionRecord:
-    """Record of a `thalweg.bench.suite.arms.Function`."""
+class FileRecord:
+    """Record of a file of a `thalweg.bench.suite.flown.SavedPolicy`."""
+
+    file: str
+    content: str
+
+
+@frozen_config(ResultsError, extra="ignore")
+class FlownRecord:
+    """Record of a function or a policy of `thalweg.bench.suite.flown`."""
 
     name: str
     observation: str
+    policy: TupleOf[FileRecord] = ()
+    """Files of a policy that was trained before; none of a function."""
+    encoder: str | None = None
+    taught: bool = False
 
 
 @frozen_config(ResultsError, extra="ignore")
@@ -97,7 +111,7 @@ class SuiteRecord:
     forces: Mapping[str, Any] = field(default_factory=dict)
     views: Mapping[str, Any] = field(default_factory=dict)
     encoder: str = "default"
-    policies: TupleOf[FunctionRecord] = ()
+    policies: TupleOf[FlownRecord] = ()
 
     @model_validator(mode="after")
     def _check(self) -> "SuiteRecord":
@@ -160,6 +174,17 @@ def _one_of(parts: Sequence[str], before: str = "") -> str:
     """Return parts as alternatives, with words before each but the first."""
     *most, last = parts
     return f"{f',{before} '.join(most)}{',' * (len(most) > 1)} or{before} {last}" if most else last
+
+
+def begins_with_teacher(arm: Mapping[str, Any]) -> bool:
+    """Return whether an arm of a suite's record begins with a policy that learnt from a teacher."""
+    begun = arm.get("begin_with")
+    return bool(begun.get("taught")) if isinstance(begun, Mapping) else bool(begun)
+
+
+def seeds_of_flown(policy: Mapping[str, Any]) -> range:
+    """Return the seeds of a function or a policy that was trained before in a suite's record: places of its files."""
+    return range(len(policy.get("policy", ())) or 1)
 
 
 def stages_of(arm: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any], str]]:

@@ -64,12 +64,13 @@ class RunUpdate:
 def run_on_node(request: RunRequest) -> Iterator[RunUpdate]:
     """Execute a run; yields an update at its start, while it makes progress, and at its end.
 
-    Raises `ResultsError` if this machine has other versions or another file of a river, and `OSError` if its disk is
-    full.
+    Raises `ResultsError` if this machine has other versions, another file of a river or of the policy that the run
+    begins with, and `OSError` if its disk is full.
     """
     node = socket.gethostname()
     _require_same_versions(request.versions, node)
     require_same_on_node(request.suite, request.rivers, node)
+    _require_begun(request, node)
     yield RunUpdate(node)
     with (
         tempfile.TemporaryDirectory(prefix="thalweg-", ignore_cleanup_errors=True) as name,
@@ -92,6 +93,20 @@ def run_on_node(request: RunRequest) -> Iterator[RunUpdate]:
                 yield RunUpdate(node, files)
         row = thread.row()
         yield RunUpdate(node, pack(*archive), row)
+
+
+def _require_begun(request: RunRequest, node: str) -> None:
+    """Raise `ResultsError` unless the policy that the run begins with, if any, is that of where results are
+    collected."""
+    begun = request.suite.arm(request.run.algorithm).begin_with if request.run.kind == "train" else None
+    if begun is None:
+        return
+    try:
+        begun.unchanged()
+    except ResultsError as error:
+        raise ResultsError(
+            f"node {node} of the cluster has another policy {begun.given}: {error} Copy it to every node."
+        ) from error
 
 
 class _RunThread:

@@ -24,6 +24,8 @@ from thalweg.core.plugins.lookup import file_contents
 
 MAX_ATTEMPTS = 3
 """Attempts at a run without progress between them; then it has failed."""
+FLOWN = ("function", "policy")
+"""Kinds of runs that only fly what is in files of this machine."""
 SYNC_INTERVAL_S, WAIT_NOTICE_S = 300.0, 60.0
 """Shortest interval between two transfers of a run's files, and seconds without any progress before a notice."""
 
@@ -63,15 +65,15 @@ class RayExecutor:
         self.address, self.jobs, self.cpus, self.sync_interval_s = address, jobs, cpus, sync_interval_s
 
     def execute(self, context: ExecutionContext, runs: Sequence[Run]) -> Iterator[RunRow]:
-        """See `Executor`; functions fly on this machine.
+        """See `Executor`; functions and policies of files fly on this machine.
 
         Raises `ResultsError` for a cluster that cannot be joined or has a node with other versions, and `OSError` for a
         full disk on this machine. All runs end then.
         """
         for run in runs:
-            if run.kind == "function":  # its files are here
+            if run.kind in FLOWN:  # their files are here
                 yield execute_run(run, context)
-        pending = [_RunState(run) for run in runs if run.kind != "function"]
+        pending = [_RunState(run) for run in runs if run.kind not in FLOWN]
         active = dict[Any, _RunState]()
         if not pending:
             return

@@ -1,0 +1,135 @@
+"""Policies that were trained before, as suites name them: by a name of the package, a run's folder or a policy file."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import PlainValidator
+
+from thalweg.algos.common.errors import AlgorithmError
+from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.packaged import PACKAGED, PACKAGED_POLICIES, PACKAGED_SEES, policy_path
+from thalweg.core.cache import file_hash
+from thalweg.encoder import PACKAGED as ENCODERS
+from thalweg.encoder import encoder_plugin
+from thalweg.train import load_policy
+from thalweg.train.encoder_of_run import context_of, encoder_of
+from thalweg.train.observations import FRAMES, observation_of
+from thalweg.train.run_in_folder import policy_file
+
+
+@dataclass(frozen=True)
+class PolicyFile:
+    """A policy of a file, which results name by its content.
+
+    It pickles as what was given and the hash of the content: another process reads the file itself, and refuses one of
+    another content. The policy `packaged`, which has a version in results and which a copy of the package may lack, is
+    not read before it is needed.
+    """
+
+    given: str
+    content: str
+    """Hash of the file; empty for `packaged`."""
+
+    @classmethod
+    def of(cls, given: Any) -> "PolicyFile":
+        """Return the policy of a name or path; raises `ResultsError` for anything that names none, and the errors of a
+        policy that cannot be loaded."""
+        if isinstance(given, cls) or given == PACKAGED:
+            return given if isinstance(given, cls) else cls(given, "")
+        if not isinstance(given, str) or not given:
+            names = ", ".join(PACKAGED_POLICIES)
+            raise ResultsError(f"must be a run's folder, a policy file, or one of {names}, got {given!r}")
+        file = cls(given, "")
+        found = cls(given, file_hash(file.path) if file.path.is_file() else "")
+        found.policy  # noqa: B018  raises the error of one that cannot be loaded
+        return found
+
+    @property
+    def path(self) -> Path:
+        """File of the policy; raises `AlgorithmError` for a folder of a run that has not finished."""
+        return policy_file(policy_path(self.given))
+
+    @property
+    def name(self) -> str:
+        """Name of the package's policy, of the folder, or of the file without its ending."""
+        path = Path(self.given)
+        return self.given if self.given in PACKAGED_POLICIES else path.resolve().name if path.is_dir() else path.stem
+
+    @property
+    def is_packaged(self) -> bool:
+        """Whether it is the policy whose version results name instead of its content."""
+        return self.given == PACKAGED
+
+    @cached_property
+    def policy(self) -> Any:
+        """The policy; raises the errors of `load_policy`."""
+        return load_policy(self.path)
+
+    def unchanged(self) -> "PolicyFile":
+        """Return it, if its file still has that content; raises `ResultsError` for another, or none."""
+        if self.is_packaged:
+            return self
+        try:
+            found = file_hash(self.path)
+        except (AlgorithmError, OSError):
+            found = "gone"
+        if found != self.content:
+            raise ResultsError(
+                f"{self.given} has changed since the suite was read: its content was {self.content} and is {found} now."
+                " Restore the old file, or choose another folder of results."
+            )
+        return self
+
+    @property
+    def observation(self) -> str:
+        """What it sees, see `thalweg.train.observations`."""
+        return PACKAGED_SEES if self.is_packaged else observation_of(self.policy)
+
+    @property
+    def is_taught(self) -> bool:
+        """Whether it learnt from a teacher that knows the map."""
+        return self.is_packaged or "imitation_version" in context_of(self.policy)
+
+    @property
+    def encoder(self) -> str | None:
+        """Name of the encoder whose codes it sees; None if it sees none.
+
+        Raises `ResultsError` for the file of an encoder of its own, and `TrainingError` for one that is not here.
+        """
+        if self.observation != FRAMES:
+            return None
+        file = encoder_of(self.policy)
+        if file is None:
+            return next(iter(ENCODERS))
+        if encoder_plugin(str(file)) is not None:
+            return str(file)
+        name = next((name for name, path in ENCODERS.items() if path == file), None)
+        if name is None:
+            raise ResultsError(
+                f"{self.given} sees the codes of {file}, but suites know only encoders of the package and of plug-ins:"
+                " evaluate it by `thalweg evaluate`"
+            )
+        return name
+
+    def as_data(self) -> dict[str, Any] | str:
+        """Return plain data for JSON: its name and content, and whether it was taught; of `packaged` the name alone."""
+        return PACKAGED if self.is_packaged else {"file": self.name, "content": self.content, "taught": self.is_taught}
+
+    def __getstate__(self) -> dict[str, str]:
+        return {"given": self.given, "content": self.content}
+
+
+def _begun(value: Any) -> PolicyFile | None:
+    """Return the policy that an arm begins with; None for none, which may be empty text too."""
+    if value is None or value == "":
+        return None
+    try:
+        return PolicyFile.of(value)
+    except ResultsError as error:
+        raise ValueError(str(error)) from error
+
+
+Begun = Annotated[PolicyFile, PlainValidator(_begun)]
+"""A policy to begin with, by name or path."""

@@ -38,7 +38,13 @@ from thalweg.core.versions import PACKAGED_POLICY
 
 HERE = Path(__file__).resolve().parent
 STUDY, OPEN, ENCODERS = HERE / "paper", HERE / "open", HERE / "encoders"
-WHAT = {"paper": "the paper's algorithms", "open": "the choices that the paper left open"}
+PROTOCOLS, GEOMETRY = HERE / "protocols", HERE / "geometry"
+WHAT = {
+    "paper": "the paper's algorithms",
+    "open": "the choices that the paper left open",
+    "protocols": "ways of training",
+    "geometry": "the same algorithms on the codes of geometry",
+}
 """What was trained, by folder."""
 NOT_EVALUATED, BLIND = "not flown yet", "no camera"
 CONDITIONS = {"sampled": "", "deterministic": "deterministic", "unseen rivers": "unseen", "every look": "all_at_once"}
@@ -46,7 +52,7 @@ CONDITIONS = {"sampled": "", "deterministic": "deterministic", "unseen rivers": 
 REAL = "real"
 """Condition on real rivers."""
 ENCODER_COLUMNS = (*CASE, "train_mse", "held_out_mse", "iou_mask", "iou_colours", "iou_ceiling")
-GEOMETRY = (
+GEOMETRY_READ = (
     "encoder", "views", "left_bank", "right_bank", "heading_error", "height", "left_at_4_m", "left_at_11_m",
     "half_width_at_11_m", "bridge", "island",
 )  # fmt: skip
@@ -62,7 +68,7 @@ PAIR = ("first", "second", "paper")
 
 def results_of_the_page() -> str:
     """Return what was trained and flown for the page, with which versions, and what critics saw."""
-    every = {folder.name: results_of(folder) for folder in (STUDY, OPEN)}
+    every = {each.name: results_of(each) for each in (STUDY, OPEN, PROTOCOLS, GEOMETRY) if (each / "runs.csv").exists()}
     items = [
         f"- [`benchmarks/{name}`](../benchmarks/{name}): {WHAT[name]}, trained for {training_in_words(each.suite)}."
         f" Each policy is flown from the same {each.suite['episodes']} starts of each level with sampled actions."
@@ -250,7 +256,7 @@ def probes() -> str:
 
 def geometry() -> str:
     """Return what a linear regression reads from the codes of the packaged encoders on rivers held out."""
-    return table(read_csv(ENCODERS / "geometry.csv", GEOMETRY), GEOMETRY)
+    return table(read_csv(ENCODERS / "geometry.csv", GEOMETRY_READ), GEOMETRY_READ)
 
 
 def geometry_of_tasks() -> str:

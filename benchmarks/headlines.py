@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from findings import STUDY, results_of
+from findings import GEOMETRY, STUDY, results_of
 from headline import Headline
 from scipy import stats
 from study_flights import (
@@ -42,7 +42,6 @@ from thalweg.bench.results.results import Results
 from thalweg.bench.suite.builtin import BESIDE, STUDIED
 
 HERE = Path(__file__).resolve().parent
-GEOMETRY = HERE / "geometry"
 
 
 def who_flies(results: Results) -> Headline:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import findings
 import fly_rate
+import further_findings
 from page_sections import beside, replace_section, wrap
 
 from thalweg.bench.csv_files import read_csv
@@ -215,6 +216,8 @@ SECTIONS: dict[tuple[Path, str], tuple[str, Callable[[], str]]] = {
     (FOUND, "entropies"): ("encoders/entropy.csv", findings.entropies),
     (FOUND, "open"): ("open/runs.csv", findings.open_choices),
     (FOUND, "ways"): ("open/runs.csv", findings.pairs_of_open_choices),
+    (FOUND, "protocols"): ("protocols/runs.csv", further_findings.ways_of_training),
+    (FOUND, "codes"): ("geometry/runs.csv", further_findings.codes_of_geometry),
 }
 
 

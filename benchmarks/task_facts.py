@@ -31,7 +31,8 @@ def facts(studies: Studies) -> str:
 
 def _who_holds(studies: Studies) -> str:
     limited = [each for study in studies.values() for each in study.limited(FIXED)]
-    groups = {name: [each for each in limited if each.algorithm == name] for name in ALGORITHMS}
+    names = dict.fromkeys([*ALGORITHMS, *(each.algorithm for each in limited)])
+    groups = {name: [each for each in limited if each.algorithm == name] for name in names}
     counts = [(sum(each.holds for each in own), len(own), name) for name, own in groups.items() if own]
     told = ", ".join(
         f"{name} {count} of {number}" for count, number, name in sorted(counts, key=lambda c: -c[0] / c[1])
@@ -64,7 +65,7 @@ def _without_limit(studies: Studies) -> str:
         f"{each.cost.value / each.limit:.1f} times the middle limit of {task} and returns {each.return_.value:.2f},"
         f" {each.regret.value:.2f} below the oracle"
         for task, study in studies.items()
-        for each in study.at(FIXED, study.limits[1])
+        for each in study.at(FIXED, study.middle_limit)
         if each.algorithm in LIMITLESS
     ]
     return f"**Without a limit** PPO costs {'; '.join(told) or 'what has not been measured yet'}."
@@ -76,7 +77,7 @@ def _rising(studies: Studies) -> str:
         for algorithm in study.algorithms:
             found = [study.outcome(FIXED, algorithm, limit) for limit in study.limits]
             own = [each for each in found if each is not None and algorithm not in LIMITLESS]
-            if len(own) == len(study.limits):
+            if len(own) == len(study.limits) > 2:
                 rises["return"].append(all(a.return_.value < b.return_.value for a, b in pairwise(own)))
                 rises["cost"].append(all(a.cost.value < b.cost.value for a, b in pairwise(own)))
     number = len(rises["cost"])
@@ -134,6 +135,12 @@ def _at_bound(studies: Studies) -> str:
         "**Bounds of multipliers.** The multiplier, which prices cost where a limit is not held, stood at its upper"
         f" bound {', and '.join(told)}; these are {', '.join(names)}."
     )
+
+
+def line_of(outcome: Outcome) -> str:
+    """Return mean return and cost of an outcome in words."""
+    above = "" if outcome.holds else ", above the limit"
+    return f"{mean_text(outcome.return_.value)} at a cost of {mean_text(outcome.cost.value)}{above}"
 
 
 def _named(outcome: Outcome) -> str:

@@ -21,6 +21,7 @@ from study_flights import earlier_versions
 from task_facts import Studies, facts
 from task_findings_picture import drawn_fronts
 from task_outcomes import LIMITLESS, Outcome, Study, held, mean_text, oracle_text, study_of
+from task_sight import sight_facts, sight_table
 
 from thalweg.bench.fronts.fronts import FIXED, UNSEEN
 from thalweg.bench.report.policies import limit_met
@@ -34,6 +35,7 @@ from thalweg.env.tasks import TaskName
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "task-findings.md"
 PICTURE = HERE.parent / "docs" / "images" / "task-findings.png"
+FRAMES_PICTURE = PICTURE.with_name("task-findings-frames.png")
 RIVERS = {FIXED: "the fixed river", UNSEEN: "unseen rivers"}
 NOT_RUN = "No run of this suite is finished yet.\n"
 
@@ -144,6 +146,14 @@ def frames_section(studies: Studies) -> str:
     return "\n".join(tables) or "Nothing has been run yet.\n"
 
 
+def frames_picture(studies: Studies) -> str:
+    """Return the reference to the picture of policies that see frames, or that there is none."""
+    if not any(study.outcomes for study in studies.values()):
+        return "Nothing has been run yet.\n"
+    words = "Mean return over mean cost through frames: the oracle's front, and each algorithm at its limits"
+    return f"![{words}](images/{FRAMES_PICTURE.name})\n"
+
+
 def written_page(page: str, studies: Studies, seeing: Studies) -> str:
     """Return the page with what the results have today, by the ideal eye and `seeing` frames."""
     sections: Sequence[tuple[str, str]] = [
@@ -151,6 +161,10 @@ def written_page(page: str, studies: Studies, seeing: Studies) -> str:
         ("facts", facts(studies)),
         ("holders", holders_table(studies)),
         *((task, task_section(study)) for task, study in studies.items()),
+        ("frames facts", sight_facts(studies, seeing)),
+        ("frames holders", holders_table(seeing)),
+        ("eyes", sight_table(studies, seeing)),
+        ("frames picture", frames_picture(seeing)),
         ("frames", frames_section(seeing)),
         ("missing", missing_section(studies)),
         ("missing frames", missing_section(seeing)),
@@ -166,11 +180,14 @@ def main() -> int:
     parser.add_argument("--results", type=Path, default=HERE, help="folder with the results of the suites")
     given = parser.parse_args()
     studies, old = read_studies(given.results), PAGE.read_text(encoding="utf-8")
-    new = written_page(old, studies, read_studies(given.results, seeing_suite_of))
+    seeing = read_studies(given.results, seeing_suite_of)
+    new = written_page(old, studies, seeing)
     if given.check:
         return int(new != old)
     write_atomic(PAGE, new)
     write_atomic(PICTURE, drawn_fronts(studies))
+    if any(study.outcomes for study in seeing.values()):
+        write_atomic(FRAMES_PICTURE, drawn_fronts(seeing))
     return 0
 
 

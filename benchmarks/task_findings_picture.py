@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -61,14 +62,14 @@ def _draw_study(axis: Axes, study: Study) -> None:
         found = [each for limit in study.limits if (each := study.outcome(FIXED, algorithm, limit)) is not None]
         if not found:
             continue
-        style = line_style(list(ALGORITHMS).index(algorithm))
+        style = style_of(algorithm)
         costs, returns = [each.cost.value for each in found], [each.return_.value for each in found]
         if algorithm in LIMITLESS:
             axis.plot(costs[0], returns[0], "X", color="black", markersize=7)
             continue
         axis.plot(costs, returns, linewidth=0.8, **style)
         for each in found:
-            marker = MARKERS[study.limits.index(each.limit)]
+            marker = MARKERS[study.place(each.limit)]
             face = style["color"] if each.holds else "white"
             point = each.cost.value, each.return_.value
             axis.plot(*point, marker, color=style["color"], markerfacecolor=face, markersize=5.5)
@@ -78,6 +79,13 @@ def _draw_study(axis: Axes, study: Study) -> None:
     axis.minorticks_off()
     axis.set(xlim=(0.0, 1.25 * last), ylim=(0.0, 10.3), xlabel="mean cost of an episode; dotted: limits")
     axis.set_title(study.task if study.outcomes else f"{study.task}, not run yet")
+
+
+def style_of(algorithm: str) -> dict[str, Any]:
+    """Return colour and line style of an algorithm; one of its variants, such as `PPOLag-cnn`, is dotted."""
+    names, own = list(ALGORITHMS), algorithm.partition("-")[0]
+    style = line_style(names.index(own))
+    return style if own == algorithm else style | {"linestyle": ":"}
 
 
 def _draw_front(axis: Axes, study: Study, last: float) -> None:
@@ -93,13 +101,13 @@ def _legend(studies: Mapping[str, Study]) -> list[Line2D]:
     """Return the lines of the legend: the oracle, algorithms that were flown, and markers of limits."""
     flown = {each.algorithm for study in studies.values() for each in study.outcomes.values()}
     handles = [Line2D([], [], color="black", linewidth=1.4, label="oracle, which knows the map")]
-    for index, name in enumerate(ALGORITHMS):
-        if name in flown & set(LIMITLESS):
+    for name in sorted(flown, key=lambda name: (list(ALGORITHMS).index(name.partition("-")[0]), name)):
+        if name in LIMITLESS:
             handles.append(
                 Line2D([], [], color="black", marker="X", linestyle="none", label=f"{name}, without a limit")
             )
-        elif name in flown:
-            handles.append(Line2D([], [], linewidth=1.6, label=name, **line_style(index)))
+        else:
+            handles.append(Line2D([], [], linewidth=1.6, label=name, **style_of(name)))
     words = ("tight limit", "middle limit", "generous limit")
     handles += [
         Line2D([], [], color=SHADE, marker=marker, linestyle="none", label=word)

@@ -21,11 +21,14 @@ from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.config import Suite
+from thalweg.bench.suite.priced import LIMITS
 from thalweg.bench.suite.record import arms_of
 from thalweg.core import versions
 
 LEVEL = "Medium"
 """Level of training and of the limits."""
+OF_TASKS: Mapping[str, tuple[float, ...]] = {**LIMITS}
+"""Limits of each task by the ideal eye, from the tightest."""
 LIMITLESS = tuple(name for name, entry in ALGORITHMS.items() if not hasattr(entry.configure({}), "cost_limit"))
 """Algorithms that know no limit."""
 CONDITION = {FIXED: "", UNSEEN: "unseen"}
@@ -71,6 +74,17 @@ class Study:
     """None where nothing was run."""
     outcomes: Mapping[tuple[str, str, float], Outcome]
     """By rivers, algorithm and limit, as far as they were flown."""
+
+    @property
+    def middle_limit(self) -> float:
+        """The middle one of the task's limits by the ideal eye; that of its own limits where it has others."""
+        every = OF_TASKS.get(self.task, self.limits)
+        return every[1] if every[1:2] and every[1] in self.limits else self.limits[len(self.limits) // 2]
+
+    def place(self, limit: float) -> int:
+        """Return the place of a limit, from 0, the tightest, among those of the task, or its own if it has others."""
+        every = OF_TASKS.get(self.task, self.limits)
+        return every.index(limit) if limit in every else self.limits.index(limit)
 
     @property
     def algorithms(self) -> list[str]:

@@ -22,7 +22,9 @@ from thalweg.bench.suite.arms import Arm
 from thalweg.bench.suite.config import Suite
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
-SCRIPTS = ("task_findings", "task_facts", "task_findings_picture", "task_outcomes", "findings", "study_flights")
+SCRIPTS = (
+    "task_findings", "task_facts", "task_findings_picture", "task_outcomes", "task_sight", "findings", "study_flights",
+)  # fmt: skip
 SAFE = FrontPoint("Nests", "Medium", "fixed", 10.0, 50, 6.0, 5.9, 6.1, 0.0, 0.0, 0.0, 1)
 FAST = replace(SAFE, price=0.0, return_=10.0, cost=40.0)
 FRONT = [SAFE, FAST, replace(SAFE, rivers="unseen", cost=10.0), replace(FAST, rivers="unseen")]
@@ -232,6 +234,82 @@ def test_the_picture_reaches_to_the_greatest_cost_at_any_limit(script: ModuleTyp
     for axis in sys.modules["task_findings_picture"].figure_of(studies).axes:
         drawn = [cost for each in axis.get_lines() for cost in each.get_xdata()]
         assert max(drawn) == 300.0 < axis.get_xlim()[1]
+
+
+SEEING = replace(
+    SUITE,
+    name="nests-frames",
+    arms=(
+        Arm("PPO"),
+        Arm("FOCOPS", settings={"cost_limit": 23.0}, name="FOCOPS-23"),
+        Arm("P3O", settings={"cost_limit": 23.0}, name="P3O-23"),
+        Arm("P3O", settings={"cost_limit": 23.0}, name="P3O-cnn-23"),
+        Arm("FOCOPS", settings={"cost_limit": 23.0}, name="FOCOPS-imitated-23"),
+    ),
+)
+
+
+@pytest.fixture
+def seen(outcomes: ModuleType) -> Any:
+    """Policies through frames at the middle limit of Nests: FOCOPS, P3O, one of convolutions, one that was imitated."""
+    episodes = [
+        *flights("PPO", 3, 3.0, 60.0),
+        *flights("FOCOPS-23", 3, 3.0, 30.0),
+        *flights("P3O-23", 3, 2.0, 80.0),
+        *flights("P3O-cnn-23", 3, 1.0, 20.0),
+        *flights("FOCOPS-imitated-23", 3, 5.0, 40.0),
+    ]
+    runs = [RunRow(f"{name}-{seed}", "train", name, seed, 1000, "finished") for name, seed in
+            dict.fromkeys((row.algorithm, row.seed) for row in episodes)]  # fmt: skip
+    return outcomes.study_of(SEEING, Results(Path(), SEEING.as_data(), runs, episodes, [], []))
+
+
+def test_frames_are_told_beside_the_ideal_eye(script: ModuleType, study: Any, seen: Any):
+    """By the eye FOCOPS at 23 returns 6.5 in the mean at a cost of 25, through frames 5 at 15."""
+    eyes = script.sight_table({"Nests": study}, {"Nests": seen}).splitlines()[2:]
+    assert eyes == [
+        "| Nests | 23 | FOCOPS | 6.50 at a cost of 25.0, above the limit | 5.00 at a cost of 15.0 | -1.50 |"
+    ]
+    lines = script.sight_facts({"Nests": study}, {"Nests": seen}).replace("\n", " ").split("**")
+    told = dict(zip(lines[1::2], (line.strip() for line in lines[2::2]), strict=True))
+    assert told["Who holds the limit."].startswith("3 of 4 mean costs are within the limit")
+    assert "P3O-cnn 1 of 1" in told["Who holds the limit."]
+    assert told["Without a limit"].startswith("PPO costs 1.3 times the middle limit of Nests")
+    assert "nobody was run at all three limits" in told["Whether a greater limit is used"]
+    # At a cost of 15 the oracle returns 7.5.
+    assert told["The eye."].removesuffix(" 9.") == (
+        "Of 1 pair of an algorithm and a limit, 0 hold the limit by the ideal eye and 1 through frames. Through frames"
+        " the return differs by -1.50 points (the median). Who holds it there returns 2.50 points (the median) less"
+        " than the oracle."
+    )
+    assert told["Convolutions of its own."].removesuffix(" 10.") == (
+        "P3O-cnn (Nests at 23) returns 3.00 at a cost of 10.0, on codes 4.00 at a cost of 40.0, above the limit."
+    )
+    assert told["From the imitated policy."] == (
+        "FOCOPS-imitated (Nests at 23) returns 7.00 at a cost of 20.0, on codes 5.00 at a cost of 15.0."
+    )
+
+
+def test_the_picture_of_frames_has_variants_dotted_and_limits_marked_as_by_the_ideal_eye(script: ModuleType, seen: Any):
+    drawing = sys.modules["task_findings_picture"]
+    assert (seen.middle_limit, seen.place(23.0)) == (23.0, 1)
+    styles = [drawing.style_of(name) for name in ("P3O", "P3O-cnn")]
+    assert styles[0]["color"] == styles[1]["color"] and styles[1]["linestyle"] == ":"
+    figure = drawing.figure_of(dict.fromkeys("ABCD", seen))
+    assert [text.get_text() for text in figure.legends[0].get_texts()][1:6] == [
+        "PPO, without a limit", "FOCOPS", "FOCOPS-imitated", "P3O", "P3O-cnn",
+    ]  # fmt: skip
+    assert script.frames_picture({"Nests": seen}).startswith("![Mean return over mean cost through frames")
+
+
+def test_without_runs_through_frames_the_page_says_so(script: ModuleType, outcomes: ModuleType, study: Any):
+    nothing = {"Nests": outcomes.study_of(SEEING, None)}
+    for text in (
+        script.sight_facts({"Nests": study}, nothing),
+        script.sight_table({"Nests": study}, nothing),
+        script.frames_picture(nothing),
+    ):
+        assert text == "Nothing has been run yet.\n"
 
 
 def test_the_committed_page_shows_the_committed_results(script: ModuleType):

@@ -73,6 +73,8 @@ def _draw_study(axis: Axes, study: Study) -> None:
             face = style["color"] if each.holds else "white"
             point = each.cost.value, each.return_.value
             axis.plot(*point, marker, color=style["color"], markerfacecolor=face, markersize=5.5)
+            if variant := algorithm.partition("-")[2]:  # no line tells it from its algorithm where there is one limit
+                axis.annotate(variant, point, (4, 3), textcoords="offset points", color=style["color"], fontsize=7)
     axis.set_xscale("symlog", linthresh=tightest, linscale=0.5)
     ticks = [0.0, *study.limits, *(each for each in (10.0, 100.0) if 1.5 * study.limits[-1] < each < 1.25 * last)]
     axis.set_xticks(ticks, labels=[f"{each:g}" for each in ticks])

@@ -58,10 +58,10 @@ def _eye(studies: Studies, seeing: Studies) -> str:
     held = [sum(each.holds for each in own) for own in zip(*both, strict=True)]
     changes = [seen.return_.value - ideal.return_.value for ideal, seen in both]
     regrets = [seen.regret.value for _, seen in both if seen.holds]
+    number = f"{len(both)} pair{'s' * (len(both) > 1)}"
     text = (
-        f"**The eye.** Of {len(both)} pair{'s' * (len(both) > 1)} of an algorithm and a limit, {held[0]} hold the limit by the ideal eye and"
-        f" {held[1]} through frames. Through frames the return differs by {statistics.median(changes):.2f} points (the"
-        " median)."
+        f"**The eye.** Of {number} of an algorithm and a limit, {held[0]} hold the limit by the ideal eye and {held[1]}"
+        f" through frames. Through frames the return differs by {statistics.median(changes):.2f} points (the median)."
     )
     if regrets:
         text += (

@@ -299,6 +299,7 @@ def test_the_picture_of_frames_has_variants_dotted_and_limits_marked_as_by_the_i
     assert [text.get_text() for text in figure.legends[0].get_texts()][1:6] == [
         "PPO, without a limit", "FOCOPS", "FOCOPS-imitated", "P3O", "P3O-cnn",
     ]  # fmt: skip
+    assert {text.get_text() for text in figure.axes[0].texts} == {"imitated", "cnn"}
     assert script.frames_picture({"Nests": seen}).startswith("![Mean return over mean cost through frames")
 
 

@@ -3,6 +3,7 @@
 import shutil
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from random import Random
@@ -14,6 +15,7 @@ from mutations import mutated_bytes, mutated_json, mutated_yaml
 
 from tests.datasets.episodes import ABOUT, flight
 from thalweg.core.video import VideoError, open_video, write_video
+from thalweg.datasets.draft import draft_folder
 from thalweg.datasets.errors import DatasetError
 from thalweg.datasets.recordings import Format, add_flight, read_recordings, recording
 from thalweg.render import RenderError
@@ -45,6 +47,38 @@ def _part(form: Format, place: str, mutate: Mutate) -> Kind:
     return Kind(Path(place).name, lambda _: [(_written(form) / place).read_bytes()], mutate, read, (DatasetError,))
 
 
+class _Interruption(Exception):
+    """Ends a recording after its first flight."""
+
+
+@cache
+def _interrupted(form: Format) -> Path:
+    """Return the draft that a recording of one short flight left, which stays as long as the process."""
+    folder = Path(tempfile.mkdtemp()) / "flights"
+    with suppress(_Interruption), recording(folder, form, ABOUT) as writer:
+        add_flight(writer, flight(STEPS))
+        raise _Interruption
+    return draft_folder(folder)
+
+
+def _draft(form: Format, place: str) -> Kind:
+    """Return the kind of a file of a draft, from which the recording resumes and ends."""
+
+    def read(path: Path) -> Any:
+        folder = path.parent / "flights"
+        shutil.copytree(_interrupted(form), draft_folder(folder), dirs_exist_ok=True)
+        (draft_folder(folder) / place).write_bytes(path.read_bytes())
+        with recording(folder, form, ABOUT) as writer:
+            add_flight(writer, flight(STEPS))
+        about, flights = read_recordings(folder)
+        return about, [(each.rgb, each.poses, each.rewards, each.costs, each.moves) for each in flights]
+
+    def samples(_: Path) -> list[bytes]:
+        return [(_interrupted(form) / place).read_bytes()]
+
+    return Kind(Path(place).name, samples, mutated_json, read, (DatasetError,), wanted=10_000)
+
+
 def _video(folder: Path) -> list[bytes]:
     frames = np.random.default_rng(0).integers(256, size=(4, 32, 32, 3), dtype=np.uint8)
     write_video(folder / "a.mp4", frames, 4, crf=25)
@@ -73,6 +107,10 @@ RECORDING_KINDS: dict[str, Kind] = {
     "lerobot table": _part("lerobot", "data/chunk-000/file-000.parquet", mutated_bytes),
     "minari metadata": _part("minari", "data/metadata.json", mutated_json),
     "minari data": _part("minari", "data/main_data.hdf5", mutated_bytes),
+    "lerobot draft": _draft("lerobot", "recording.json"),
+    "lerobot draft's flight": _draft("lerobot", "journal/000000.json"),
+    "minari draft": _draft("minari", "recording.json"),
+    "minari draft's flight": _draft("minari", "journal/000000.json"),
     "video": Kind("film.mp4", _video, mutated_bytes, _read_video, (VideoError,)),
     "calibration": Kind("camera.yaml", lambda _: [CALIBRATION], mutated_yaml, camera_of_calibration, (RenderError,)),
 }

@@ -15,7 +15,7 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))  # the generated sections of pages are written as those of other benchmarks
 
 from fuzz_kinds import KINDS  # noqa: E402
-from kills import NO_KILL  # noqa: E402
+from kills import COMMANDS, NO_KILL  # noqa: E402
 from page_sections import replace_section  # noqa: E402
 from soak import MADE_WITH, PIECE, versions_of  # noqa: E402
 
@@ -69,7 +69,7 @@ def soaked(steps: Sequence[dict[str, str]], frames: Sequence[dict[str, str]]) ->
 def killed(rows: Sequence[dict[str, str]]) -> str:
     """Return the kills so far, by command."""
     lines = []
-    for command in dict.fromkeys(row["command"] for row in rows):
+    for command in COMMANDS:
         own = [row for row in rows if row["command"] == command]
         kills = [row for row in own if row["kill"] != NO_KILL]
         trials = {row["trial"]: row for row in own}

@@ -99,10 +99,15 @@ def test_a_damaged_file_of_a_draft_is_named_with_what_to_do(name: str, content: 
         begun(tmp_path / "flights")
 
 
-def test_a_note_without_its_numbers_is_damaged(tmp_path: Path):
-    draft = begun(tmp_path / "flights")
-    (draft / "journal/000000.json").write_text('{"steps": "3"}')
-    with pytest.raises(DatasetError, match=r"000000\.json is damaged: it lacks the steps or the reason of a flight"):
+@pytest.mark.parametrize(
+    ("before", "after"), [('"steps": 3', '"steps": 4'), ('"content"', '"conten"'), ('"flight"', '"f"')]
+)
+def test_a_note_of_another_content_is_damaged(before: str, after: str, tmp_path: Path):
+    note = begun(tmp_path / "flights") / "journal/000000.json"
+    text = note.read_text()
+    assert text.count(before) == 1
+    note.write_text(text.replace(before, after))
+    with pytest.raises(DatasetError, match=r"000000\.json is damaged: its hash is not that of its content: remove the"):
         finished_flights(tmp_path / "flights")
 
 

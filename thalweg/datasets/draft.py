@@ -14,12 +14,15 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.core.atomic_io import ON_WINDOWS, disk_errors_name, write_atomic
+from thalweg.core.plugins.source import text_hash
 from thalweg.core.run_folder import LOCK, FolderKind, differences
 from thalweg.datasets.errors import DatasetError
 
 RECORDING = FolderKind("recording", "recording.json", DatasetError, ignores_hidden=True)
 JOURNAL = "journal"
 """Folder of a draft, of the records of finished flights, and of files that the data set does not need."""
+FLIGHT, CONTENT = "flight", "content"
+"""Keys of a finished flight's file: what was noted of the flight, and the hash of that as JSON."""
 MAX_NAMED = 4
 """Maximum number of differences that a message names."""
 
@@ -35,7 +38,8 @@ class Draft:
 
     def note(self, record: dict[str, Any]) -> None:
         """Count a flight, all files of which are written, as finished; `record` is plain data."""
-        write_atomic(self.folder / JOURNAL / f"{len(self.records):06d}.json", json.dumps(record))
+        noted = json.dumps({FLIGHT: record, CONTENT: text_hash(json.dumps(record))})
+        write_atomic(self.folder / JOURNAL / f"{len(self.records):06d}.json", noted)
         self.records.append(record)
 
 
@@ -53,11 +57,10 @@ def finished_flights(path: Path) -> list[dict[str, Any]]:
     journal = draft_folder(path) / JOURNAL
     notes = [(file, _read(file)) for file in sorted(journal.glob("*.json"))]
     for file, note in notes:
-        if not all(type(note.get(name)) is int for name in ("steps", "reason")):
-            raise DatasetError(
-                f"{file} is damaged: it lacks the steps or the reason of a flight{_advice_on_damage(file)}"
-            )
-    return [note for _, note in notes]
+        flight = note.get(FLIGHT)
+        if not isinstance(flight, dict) or text_hash(json.dumps(flight)) != note.get(CONTENT):
+            raise DatasetError(f"{file} is damaged: its hash is not that of its content{_advice_on_damage(file)}")
+    return [note[FLIGHT] for _, note in notes]
 
 
 def check_new(path: Path) -> None:

@@ -47,9 +47,10 @@ def test_kills_are_counted_by_command_and_faults_by_trial(summary: ModuleType):
         {"command": "bench", "trial": trial, "kill": kill, "finished": finished, "faults": faults}
         for trial, kill, finished, faults in (("0", "0", "0", "0"), ("1", "0", "1", "2"), ("1", "1", "3", "2"))
     ]
-    assert cells(summary.killed(rows))[2:] == [["`bench`", "3 of 50", "2", "2", "1"]]
+    others = [[f"`{name}`", "0 of 50", "0", "0", "0"] for name in ("train", "imitate", "encoder")]
+    assert sorted(cells(summary.killed(rows))[2:]) == sorted([["`bench`", "3 of 50", "2", "2", "1"], *others])
     failed = {"command": "bench", "trial": "2", "kill": "none", "finished": "0", "faults": "1"}
-    assert cells(summary.killed([*rows, failed]))[2:] == [["`bench`", "3 of 50", "2", "3", "2"]]
+    assert ["`bench`", "3 of 50", "2", "3", "2"] in cells(summary.killed([*rows, failed]))
 
 
 def test_without_a_table_there_is_nothing_yet(summary: ModuleType):

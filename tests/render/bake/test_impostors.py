@@ -251,6 +251,23 @@ def test_damaged_file_is_rebuilt(folder, atlas, monkeypatch):
         assert impostors.stored(file) is not None
 
 
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"offset": np.arange(impostors.LEVELS) * 10**9},
+        {"offset": np.zeros(impostors.LEVELS)},
+        {"shade": np.full((len(impostors.KINDS), impostors.VIEWS, 3), np.nan, np.float32)},
+        {"shade": np.zeros((len(impostors.KINDS), impostors.VIEWS, 3))},
+    ],
+)
+def test_an_atlas_whose_numbers_cannot_be_is_damaged(damage, folder, atlas):
+    """Kernels read texels where the levels begin, and do not check that these are there."""
+    whole = {"texels": atlas.texels, "offset": atlas.offset, "shade": atlas.shade}
+    np.savez(folder / "whole.npz", **whole)
+    np.savez(folder / "damaged.npz", **(whole | damage))
+    assert impostors.stored(folder / "whole.npz") is not None and impostors.stored(folder / "damaged.npz") is None
+
+
 def test_shared_atlas_cannot_be_written_to(folder, atlas, monkeypatch):
     monkeypatch.setattr(impostors, "build", lambda elevation: atlas)
     with pytest.raises(ValueError, match="read-only"):

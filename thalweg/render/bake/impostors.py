@@ -7,6 +7,7 @@ used at look-up (`view_of`). The camera looks down by `LOOK_DOWN`, and the pictu
 """
 
 import contextlib
+import itertools
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -126,9 +127,14 @@ def build(sun_elevation: float) -> Atlas:
     full = np.stack([picture for picture, _ in drawn]).reshape(-1, ROWS, COLS, 4)
     shade = np.stack([share for _, share in drawn]).astype(np.float32)
     levels = dilated(mip_levels(full))
-    sizes = [len(level.reshape(-1, 4)) for level in levels]
-    offset = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+    offset = np.array(level_starts()[:-1], np.int64)
     return Atlas(np.concatenate([coded(level).reshape(-1, 4) for level in levels]), offset, shade)
+
+
+def level_starts() -> list[int]:
+    """Return the number of the first texel of each level, and that of all texels."""
+    sizes = (len(KINDS) * VIEWS * rows(level) * cols(level) for level in range(LEVELS))
+    return [0, *itertools.accumulate(sizes)]
 
 
 def draw_kind(kind: Kind, sun_elevation: float) -> tuple[np.ndarray, np.ndarray]:
@@ -275,11 +281,13 @@ def store(made: Atlas, path: Path) -> None:
 
 def stored(path: Path) -> Atlas | None:
     """Return the atlas in a file, or None if the file is missing or damaged."""
-    total = len(KINDS) * VIEWS * sum(rows(level) * cols(level) for level in range(LEVELS))
+    *starts, total = level_starts()
     try:
         with np.load(path) as file:
             made = Atlas(file["texels"], file["offset"], file["shade"])
     except Exception:  # a damaged archive raises nearly anything
         return None
-    fits = made.texels.shape == (total, 4) and made.texels.dtype == np.uint8 and len(made.offset) == LEVELS
-    return made if fits and made.shade.shape == (len(KINDS), VIEWS, 3) else None
+    fits = made.texels.shape == (total, 4) and made.texels.dtype == np.uint8
+    fits = fits and made.offset.dtype == np.int64 and made.offset.tolist() == starts
+    fits = fits and made.shade.shape == (len(KINDS), VIEWS, 3) and made.shade.dtype == np.float32
+    return made if fits and np.isfinite(made.shade).all() else None

@@ -15,7 +15,18 @@ KINDS = (
     *("run settings", "metrics", "episode log", "encoder checkpoint", "geometry checkpoint", "finder of water"),
     *("cached maps", "plug-in", "exported policy", "fronts", "study measures", "probes", "verified curve"),
     *("verified flights", "report: suite", "report: runs", "report: versions", "report: flights", "report: curve"),
-    *("lerobot description", "lerobot info", "lerobot table", "minari metadata", "minari data", "video"),
+    *(
+        "lerobot description",
+        "lerobot info",
+        "lerobot table",
+        "minari metadata",
+        "minari data",
+        "lerobot draft",
+        "lerobot draft's flight",
+        "minari draft",
+        "minari draft's flight",
+        "video",
+    ),
     "calibration",
 )
 SLOW = ("exported policy", "encoder checkpoint", "geometry checkpoint", "video")

@@ -120,3 +120,19 @@ def test_a_run_that_ends_before_the_policy_learns_is_warned_of(name: str):
     usual = learner_for(name, **SETTINGS)
     usual.update(rollout_of(usual, 0, 1), FEEDBACK)
     assert code not in usual.warnings(feedback(0.5, steps_left=0))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_weights_of_a_number_that_the_first_run_never_saw_vary_begin_at_zero(name: str):
+    """In the policy, the critics and, once they learn, their copies."""
+    first, then = (learner_for(name, **(SETTINGS | {"critic_warmup_steps": 0})) for _ in range(2))
+    still = rollout_of(first)
+    still.obs[..., 2] = still.final_obs[:, 2] = 0.0
+    first.update(still, FEEDBACK)
+    then.policy.initialise_from(first.policy)
+    then.warm_up_critics()
+    then.agent.targets.hard_update()  # as before the first gradient step
+    agent = then.agent
+    for stack in (agent.policy.actor.stack, agent.critics.stack, agent.target_actor, agent.target_critics):
+        largest = stack.layers[0][0].abs().amax((0, 2))
+        assert largest[2] == 0.0 and largest[[0, 1, 3, 4]].min() > 0.1

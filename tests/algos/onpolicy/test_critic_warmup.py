@@ -11,6 +11,7 @@ import torch
 from tests.algos.onpolicy.test_learners import FIRST_ORDER, ON_POLICY, SPACES, N, T, learner_for, rollout_of
 from tests.algos.rollouts import feedback
 from thalweg.algos import ALGORITHMS
+from thalweg.algos.interface import Rollout
 from thalweg.algos.onpolicy.config import LagrangianConfig
 
 FEEDBACK = feedback(0.5)
@@ -127,3 +128,28 @@ def test_losses_and_penalties_are_measured_meanwhile():
     learner = begun("CPO")
     metrics = learner.update(rollout_of(learner), FEEDBACK)
     assert metrics["steps_refused"] == 0 and metrics["passes"] == 1
+
+
+@pytest.mark.parametrize("settings", [{}, GRU, {"asymmetric_critics": True}], ids=["plain", "gru", "asymmetric"])
+def test_weights_of_a_number_that_the_first_run_never_saw_vary_begin_at_zero_and_learn(settings: dict[str, Any]):
+    def still(rollout: Rollout) -> Rollout:
+        rollout.obs[..., 2] = rollout.final_obs[:, 2] = 0.0
+        return rollout
+
+    first, then = (learner_for("PPO", SPACES["MultiDiscrete"], critic_warmup_steps=0, **settings) for _ in range(2))
+    first.update(still(rollout_of(first)), FEEDBACK)
+    then.policy.initialise_from(first.policy)
+    then.warm_up_critics()
+
+    def weights() -> list[float]:
+        """The largest weight of that number and of the next one, in the policy and in its critics."""
+        modules = (then.policy.actor, then.agent.critics)
+        parts = [(module.stack.layers[0][0].transpose(1, 2), module.gru) for module in modules]
+        found = [part for stack, gru in parts for part in (stack, gru and gru.weight_in.detach()) if part is not None]
+        return [float(part[..., index].abs().max()) for part in found for index in (2, 3)]
+
+    begun = weights()
+    assert max(begun[::2]) == 0.0 < 0.1 < min(begun[1::2])
+    then.update(rollout_of(then, 1), FEEDBACK)  # which includes it in the statistics of observations
+    then.update(rollout_of(then, 2), FEEDBACK)
+    assert min(weights()) > 1e-3

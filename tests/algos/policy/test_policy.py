@@ -216,6 +216,37 @@ def test_a_policy_that_starts_from_one_with_another_temperature_draws_as_that_on
     np.testing.assert_allclose(said[1], said[0], atol=1e-5)
 
 
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"frames": 2}, {"memory": 4}, {"adapter": "box_scaled"}],
+    ids=["plain", "frames", "gru", "gaussian"],
+)
+def test_a_number_that_the_first_run_never_saw_vary_changes_nothing_at_once_when_it_does(settings: dict[str, Any]):
+    first, then = (policy_for(SPACES["MultiDiscrete"], **settings) for _ in range(2))
+    with torch.no_grad():
+        for part in first.actor.parameters():
+            part += torch.randn(part.shape, generator=torch.Generator().manual_seed(2))
+    constant, varying = (torch.from_numpy(np.tile(observations(512), first.frames)) for _ in range(2))
+    constant[:, 3::5] = 0.25
+    first.normaliser.update(constant)
+    then.initialise_from(first)
+    before = [said_of(policy, constant, varying) for policy in (first, then)]
+    assert torch.equal(*before)  # to the bit, although the number is another one than before
+    then.normaliser.update(varying)
+    assert then.normaliser.scale[3] > 0.5
+    after = said_of(then, constant, varying)
+    assert (after - before[1]).abs().max() < 1e-5 < 1.0 < before[1].abs().max()
+
+
+def said_of(policy: Policy, *observed: torch.Tensor) -> torch.Tensor:
+    """Outputs of a policy's network at the first observations of an episode."""
+    obs, actor = policy.normaliser(torch.cat(observed)), policy.actor
+    with torch.no_grad():
+        if actor.gru is None:
+            return actor(obs)
+        return actor.step(obs, actor.gru.start(len(obs)), torch.ones(len(obs), dtype=torch.bool))[0]
+
+
 def test_a_greedy_policy_never_draws():
     greedy, drawing = (policy_for(SPACES["MultiDiscrete"], greedy=greedy) for greedy in (True, False))
     expected = drawing.act(observations(), deterministic=True)

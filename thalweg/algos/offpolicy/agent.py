@@ -159,9 +159,12 @@ class Agent:
         """Let the policy, which was given, act from the first step, and only the critics learn at first.
 
         After `random_steps` without learning, which fill the replay buffer, the policy, the multipliers and α stay
-        during `critic_warmup_steps`. To be called before the first step; a restored state has its own count.
+        during `critic_warmup_steps`. The critics' weights of numbers that the policy's statistics never saw vary are
+        set to 0, as are the policy's (`Policy.initialise_from`). To be called before the first step; a restored state
+        has its own count.
         """
         self._policy_given = True
+        self.critics.stack.clear_inputs(self.policy.normaliser.ignored)
 
     def action_parameters(self, obs: Tensor) -> Tensor:
         """Return the policy's outputs [N, P] at observations float32 [N, K * D]."""

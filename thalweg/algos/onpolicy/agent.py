@@ -94,10 +94,13 @@ class Agent:
     def warm_up_critics(self) -> None:
         """Let only the critics learn in the rollouts that begin within the next `critic_warmup_steps`.
 
-        Policy, statistics of observations, optimiser and multipliers stay as they are. To be called before the first
-        step; a restored state has its own count.
+        Policy, statistics of observations, optimiser and multipliers stay as they are. The critics' weights of numbers
+        that the policy's statistics never saw vary are set to 0, as are the policy's (`Policy.initialise_from`). To be
+        called before the first step; a restored state has its own count.
         """
         self._warmup_left = self.config.critic_warmup_steps
+        if not self.config.sees_images:
+            self.critics.clear_inputs(self.policy.normaliser.ignored)
 
     @contextmanager
     def critics_learning(self, samples: Samples, passes: int = 1) -> Iterator[None]:

@@ -98,6 +98,11 @@ class Gru(nn.Module):
         states = self.states(sequences.obs, sequences.fresh, sequences.starts[name])
         return torch.cat([sequences.obs, states], -1).flatten(0, 1)[sequences.keep]
 
+    @torch.no_grad()
+    def clear_inputs(self, which: Tensor) -> None:
+        """Set the weights of inputs to 0: those of `which` [d] bool among the first d inputs."""
+        self.weight_in[:, : len(which)][:, which] = 0.0
+
     def start(self, count: int) -> Tensor:
         """Return the initial state [N, M]: zeros."""
         return self.bias.new_zeros(count, self.size)

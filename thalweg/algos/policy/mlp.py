@@ -200,6 +200,10 @@ class StackedMLP(nn.Module):
         for part in self.layers[-1]:
             part.mul_(factor)
 
+    def clear_inputs(self, which: Tensor) -> None:
+        """Set the first layer's weights of inputs to 0: those of `which` [d] bool among the first d inputs."""
+        self.layers[0][0][:, : len(which)][:, which] = 0.0
+
     def _views_of(self, name: str, flat: Tensor) -> LayerViews:
         """Return views of a vector that is laid out like the parameters, cached until the vector moves in memory."""
         views = self._views.get(name)

@@ -129,12 +129,24 @@ class Actor(nn.Module):
 
         return parameters, backward
 
+    def clear_inputs(self, which: Tensor) -> None:
+        """Set the weights of the observation's numbers `which` [D] bool to 0; not for images."""
+        clear_inputs(self.gru, self.stack, which)
+
     def step(self, obs: Tensor, state: Tensor, fresh: Tensor) -> tuple[Tensor, Tensor]:
         """Return [N, P] and the recurrent state after observations [N, D]."""
         assert self.gru is not None
         seen = obs if self.eyes is None else self.eyes(obs)
         state = self.gru.step(seen, state, fresh)
         return self.parameters_of(torch.cat([seen, state], -1)), state
+
+
+def clear_inputs(gru: Gru | None, stack: StackedMLP, which: Tensor) -> None:
+    """Set the weights of inputs to 0, of a recurrent network and of the perceptrons that see the same inputs: those of
+    `which` [d] bool among the first d inputs."""
+    stack.clear_inputs(which)
+    if gru is not None:
+        gru.clear_inputs(which)
 
 
 def minibatch_count(rows: int, minibatch: int) -> int:
@@ -170,6 +182,10 @@ class Critics(nn.Module):
 
     def forward(self, inputs: Tensor | Sequences) -> Tensor:
         return self.stack(_features(self.gru, inputs, "critics")).squeeze(-1)
+
+    def clear_inputs(self, which: Tensor) -> None:
+        """Set the weights of inputs to 0: those of `which` [d] bool among the first d inputs."""
+        clear_inputs(self.gru, self.stack, which)
 
     @property
     def compiled(self) -> bool:

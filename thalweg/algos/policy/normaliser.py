@@ -62,6 +62,11 @@ class Normaliser:
         """Factor [D] by which differences of observations are multiplied."""
         return self._scale if self.enabled and self.count else torch.ones_like(self._scale)
 
+    @property
+    def ignored(self) -> Tensor:
+        """[D] bool, which numbers never reached the network, because they have not varied (`CONSTANT_STD`)."""
+        return self.scale == 0.0
+
     def state(self) -> dict:
         """Return the statistics as arrays and plain data."""
         moments = {"mean": array_of(self.mean), "square": array_of(self.square)}

@@ -147,6 +147,9 @@ class Policy:
         """Copy the network and the statistics of observations of another policy, so that both have the same
         distribution: of policies with different temperatures, the network's outputs differ by the same factor.
 
+        Weights of numbers that the other policy never saw vary are set to 0. Nothing was learnt about them, and the
+        initial ones, random, would change the policy at once when such a number varies here.
+
         Raises `AlgorithmError` for a planner, which has no such network, and for a policy of another kind, naming each
         setting that differs.
         """
@@ -162,6 +165,8 @@ class Policy:
         if self.temperature != other.temperature:
             self.actor.stack.scale_outputs(self.temperature / other.temperature)
         self.normaliser.load_state(other.normaliser.state())
+        if (ignored := self.normaliser.ignored).any():
+            self.actor.clear_inputs(ignored)
         self.origin = other
 
     def copy_option(self, copy: OptionCopy) -> None:

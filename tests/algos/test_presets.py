@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from thalweg.algos import ALGORITHMS, AlgorithmError
-from thalweg.algos.presets import INVERSELY_PROPORTIONAL, PAPER, PROPORTIONAL, settings_of
+from thalweg.algos.presets import INVERSELY_PROPORTIONAL, PAPER, PER_ENV, PROPORTIONAL, settings_of
 from thalweg.core.config import to_plain
 
 
@@ -62,8 +62,18 @@ def changes(algorithm: str, num_envs: int, **given: float) -> dict[str, tuple]:
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
-def test_up_to_64_environments_nothing_changes(algorithm: str):
-    assert changes(algorithm, 1) == changes(algorithm, 64) == {}
+def test_up_to_16_environments_nothing_changes(algorithm: str):
+    assert changes(algorithm, 1) == changes(algorithm, 16) == {}
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_up_to_64_environments_only_what_counts_episodes_of_each_changes(algorithm: str):
+    assert set(changes(algorithm, 64)) == set(PER_ENV) & set(to_plain(ALGORITHMS[algorithm].config()))
+
+
+def test_a_mean_cost_is_of_two_episodes_of_each_of_many_environments():
+    found = {count: ALGORITHMS["CPO"].configure(num_envs=count).cost_episodes for count in (1, 15, 16, 17, 64, 256)}
+    assert found == {1: 30, 15: 30, 16: 30, 17: 34, 64: 128, 256: 512}
 
 
 def test_of_4096_environments_each_takes_as_many_steps_and_a_rollout_has_as_many_gradient_steps():
@@ -71,6 +81,7 @@ def test_of_4096_environments_each_takes_as_many_steps_and_a_rollout_has_as_many
         "steps_per_update": (2048, 131_072),
         "minibatch": (256, 16_384),
         "critic_warmup_steps": (10_000, 640_000),
+        "cost_episodes": (30, 8192),
     }
 
 
@@ -81,6 +92,7 @@ def test_a_replay_learns_from_as_many_steps_for_each_that_was_taken():
         "steps_per_update": (2048, 3072),
         "random_steps": (1000, 1500),
         "critic_warmup_steps": (10_000, 15_000),
+        "cost_episodes": (30, 192),
         "minibatch": (128, 192),
         "updates_per_step": (0.25, 0.25 / 1.5),
     }
@@ -110,4 +122,5 @@ def test_what_is_given_stays_and_the_study_ran_what_it_ran(algorithm: str):
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_all_that_can_follow_does(algorithm: str):
     config = to_plain(ALGORITHMS[algorithm].config())
-    assert set(changes(algorithm, 128)) == {name for name in (*PROPORTIONAL, *INVERSELY_PROPORTIONAL) if name in config}
+    following = (*PROPORTIONAL, *INVERSELY_PROPORTIONAL, *PER_ENV)
+    assert set(changes(algorithm, 128)) == {name for name in following if name in config}

@@ -16,9 +16,25 @@ from thalweg.algos.common.state import CPU
 from thalweg.algos.policy.policy import AnyPolicy
 
 RECENT_EPISODES = 100
-"""Number of last episodes whose costs a learner receives."""
+"""Least number of last episodes whose costs a learner receives, see `recent_episodes`."""
 MEAN_EPISODES = 50
 """Number of last episodes in the means that are logged, as in the study's curves."""
+ROUNDS = 3
+"""Episodes of each of many environments in a window, see `judged_episodes`."""
+
+
+def judged_episodes(num_envs: int) -> int:
+    """Return W, the number of episodes in a row whose mean cost says whether a limit is met.
+
+    Environments that begin together reach the end together, too: of many, fifty episodes in a row may be those of one
+    moment, at which hardly any fails, while those that failed did so before. W is several episodes of each.
+    """
+    return max(MEAN_EPISODES, ROUNDS * num_envs)
+
+
+def recent_episodes(num_envs: int) -> int:
+    """Return the number of last episodes whose costs a learner receives at most, and whose mean length it knows."""
+    return max(RECENT_EPISODES, ROUNDS * num_envs)
 
 
 @dataclass(frozen=True)
@@ -88,21 +104,23 @@ class Feedback:
     new_costs: np.ndarray
     """[E, M] undiscounted costs of the episodes finished since the last update that returned metrics."""
     recent_costs: np.ndarray
-    """[E, M] of the last `RECENT_EPISODES` episodes at most, the newest last."""
+    """[E, M] of the last `recent_episodes` at most, the newest last."""
     episodes: int
     """Episodes finished since the run began."""
     largest_costs: tuple[float, ...]
     """[M] the largest cost of any of them."""
     lowest_costs: tuple[float, ...]
-    """[M] the lowest mean cost that `MEAN_EPISODES` episodes in a row have had; NaN before so many have finished."""
+    """[M] the lowest mean cost that W episodes in a row have had; NaN before so many have finished."""
     mean_length: float
     """Steps of an episode: the mean of the same last episodes as `recent_costs`; NaN before any."""
+    judged: int = MEAN_EPISODES
+    """W, see `judged_episodes`."""
 
     def cost_means(self, window: int = 0, least: int = 1) -> tuple[float, ...]:
         """Return J_c [M]: the mean cost of the new episodes, and at least of the `least` last ones.
 
-        Without new episodes it is the mean of the last `MEAN_EPISODES`, with a window that of so many last ones. NaN
-        before any episode has finished.
+        Without new episodes it is the mean of the last W, with a window that of so many last ones. NaN before any
+        episode has finished.
         """
         count = len(self.new_costs)
         if window:
@@ -110,7 +128,7 @@ class Feedback:
         elif count:
             chosen = self.new_costs if count >= least else self.recent_costs[-least:]
         else:
-            chosen = self.recent_costs[-MEAN_EPISODES:]
+            chosen = self.recent_costs[-self.judged :]
         if not len(chosen):
             return (float("nan"),) * len(self.largest_costs)
         return tuple(float(mean) for mean in chosen.mean(0))

@@ -27,6 +27,10 @@ PROPORTIONAL = (
     "minibatch",
 )
 """Settings that are multiplied by num_envs / REFERENCE_ENVS."""
+FEW_ENVS = 16
+"""The defaults of `PER_ENV` hold for at most this many environments."""
+PER_ENV: Mapping[str, int] = {"cost_episodes": 2}
+"""Settings that are at least so many times num_envs above `FEW_ENVS`."""
 INVERSELY_PROPORTIONAL = ("updates_per_step",)
 """Settings that are divided by num_envs / REFERENCE_ENVS."""
 
@@ -241,16 +245,20 @@ PAPER: dict[str, Settings] = {
 
 
 def settings_for_envs(config: type, num_envs: int) -> dict[str, Any]:
-    """Return the settings of a config that scale with the number of environments; none up to `REFERENCE_ENVS`.
+    """Return the settings of a config that follow the number of environments; none up to `FEW_ENVS`.
 
-    With f times as many environments, each of them still takes as many steps between two updates, and a gradient step
-    learns from f times as many steps. The number of gradient steps stays the same; each keeps a GPU busier.
+    Some count episodes of all environments (`PER_ENV`). Others change above `REFERENCE_ENVS` only: with f times as many
+    environments, each of them still takes as many steps between two updates, and a gradient step learns from f times as
+    many steps. The number of gradient steps stays the same; each keeps a GPU busier.
     """
+    defaults: dict[str, Any] = {field.name: field.default for field in dataclasses.fields(config)}
+    each = {name: count * num_envs for name, count in PER_ENV.items() if name in defaults and num_envs > FEW_ENVS}
+    found = {name: max(defaults[name], count) for name, count in each.items()}
     factor = num_envs / REFERENCE_ENVS
-    fields = dataclasses.fields(config) if factor > 1 else ()
-    defaults: dict[str, Any] = {field.name: field.default for field in fields}
+    if factor <= 1:
+        return found
     grown = {name: math.ceil(defaults[name] * factor) for name in PROPORTIONAL if name in defaults}
-    return grown | {name: defaults[name] / factor for name in INVERSELY_PROPORTIONAL if name in defaults}
+    return found | grown | {name: defaults[name] / factor for name in INVERSELY_PROPORTIONAL if name in defaults}
 
 
 def settings_for_images(config: type, given: Mapping[str, Any]) -> dict[str, Any]:

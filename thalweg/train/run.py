@@ -11,6 +11,7 @@ from gymnasium.vector import VectorEnv
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.state import CPU
+from thalweg.algos.constraint.cost_limits import check_cost_episodes
 from thalweg.algos.interface import Learner, Task
 from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.onpolicy.config import settings_like
@@ -99,7 +100,7 @@ def run(
         seed: Seed of the environment and the algorithm, 0 or more; global random generators are not used.
         folder: Folder of the run; created if it does not exist.
         config: The algorithm's config, or a mapping of some of its keys on top of the preset. Defaults follow the
-            number of environments above 64, see `thalweg.algos.presets`.
+            number of environments above 16, see `thalweg.algos.presets`.
         preset: `default`, or `paper` for the settings of the study.
         context: Plain data to store in the policy file and config.yaml.
         progress: Whether to show a progress bar; not by default.
@@ -172,7 +173,9 @@ def configured(entry: Entry, config: Any, preset: str, num_envs: int, begin_with
         shape = getattr(policies.load_policy(policy_file(begin_with), CPU), "shape", None)
         if isinstance(shape, NetworkShape):
             config = settings_like(shape) | dict(config)
-    return entry.configure(config, preset, num_envs)
+    resolved = entry.configure(config, preset, num_envs)
+    check_cost_episodes(resolved, num_envs)
+    return resolved
 
 
 def _version_of(entry: Entry) -> dict[str, int]:

@@ -89,6 +89,7 @@ class Trainer:
             largest_costs=largest,
             lowest_costs=self.statistics.lowest_costs(self.learner.separate_costs),
             mean_length=self.statistics.mean_length,
+            judged=self.statistics.judged,
         )
 
     def state(self) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Costs by name, and limits that bind nothing."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -105,6 +106,8 @@ def test_a_limit_that_is_never_met_is_named_with_the_lowest_cost():
     assert not limit_warnings(config, feedback(0.4, episodes=480, lowest=0.1, progress=0.5))
     assert not limit_warnings(config, feedback(0.4, episodes=480, lowest=0.2, progress=0.49))
     assert not limit_warnings(config, feedback(0.4, episodes=40, lowest=math.nan, progress=0.5))
+    many = replace(feedback(0.4, episodes=480, lowest=0.2, progress=0.5), judged=192)
+    assert "the mean cost of 192 in a row never" in limit_warnings(config, many)["limit_never_met"]
 
 
 def test_a_limit_that_tightens_is_named_only_after_half_of_the_time_with_its_final_value():

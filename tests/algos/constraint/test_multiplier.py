@@ -9,6 +9,7 @@ import pytest
 
 from tests.algos.rollouts import feedback
 from thalweg.algos import AlgorithmError
+from thalweg.algos.constraint.cost_limits import check_cost_episodes
 from thalweg.algos.constraint.multiplier import Multiplier, MultiplierConfig, Multipliers
 
 
@@ -285,6 +286,13 @@ def test_one_that_had_time_enough_is_not_called_slow_at_the_end():
     assert one.values == (0.0,) and not one.warnings(broken, 1)
 
 
+def test_more_episodes_than_a_run_remembers_are_refused():
+    for num_envs, most in ((16, 100), (64, 192)):
+        check_cost_episodes(MultiplierConfig(cost_episodes=most), num_envs)
+        with pytest.raises(AlgorithmError, match=f"cost_episodes must be at most {most} with {num_envs} environments"):
+            check_cost_episodes(MultiplierConfig(cost_episodes=most + 1), num_envs)
+
+
 def test_new_episodes_count_else_the_last_fifty():
     told = feedback(0.5)
     assert told.cost_means() == (0.5,)
@@ -294,6 +302,7 @@ def test_new_episodes_count_else_the_last_fifty():
     assert older.cost_means(least=80) == (1.0,), "of no new episode, the last fifty"
     few = replace(told, recent_costs=older.recent_costs)
     assert few.cost_means(least=3) == (0.5,) and few.cost_means(least=80) == (50 / 80,)
+    assert replace(older, judged=60).cost_means() == (50 / 60,), "of many environments, as many as are judged"
     nothing = feedback(0.5, 0.5, count=0)
     assert all(math.isnan(mean) for mean in nothing.cost_means()) and len(nothing.cost_means(window=5)) == 2
 
@@ -314,7 +323,6 @@ def test_new_episodes_count_else_the_last_fifty():
         ("multiplier_final_fall", 1.5),
         ("cost_window", 101),
         ("cost_episodes", 0),
-        ("cost_episodes", 101),
     ],
 )
 def test_a_setting_that_makes_no_sense_is_refused_by_name(key: str, value: Any):

@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, PositiveInt, model_validator
 
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.interface import MEAN_EPISODES, RECENT_EPISODES, Feedback
+from thalweg.algos.interface import RECENT_EPISODES, Feedback, recent_episodes
 from thalweg.core.config import FiniteNonNegative, TupleOf, frozen_config
 
 Multiple = Annotated[float, Field(ge=1, allow_inf_nan=False)]
@@ -29,9 +29,9 @@ class CostConfig:
     """Separate limits of the tight and the loose cost, in place of `cost_limit`."""
     cost_limit_schedule: TupleOf[Multiple] = ()
     """Limits at the beginning of the run, as multiples of the final ones: one number for all costs, or one for each.
-    They tighten linearly, and at once when the mean cost of fifty episodes in a row has met the final limit. Empty:
-    limits stay the same. A limit that idling exceeds teaches a beginner to avoid costs before it has seen what flying
-    pays."""
+    They tighten linearly, and at once when the mean cost of fifty episodes in a row has met the final limit, above 16
+    environments that of three episodes of each. Empty: limits stay the same. A limit that idling exceeds teaches a
+    beginner to avoid costs before it has seen what flying pays."""
     cost_limit_share: Annotated[float, Field(gt=0, le=1)] = 0.5
     """Share of the run after which limits with a schedule have tightened to the final ones."""
 
@@ -59,7 +59,7 @@ class CostConfig:
         """Return the limits d [M] after this share of the run, 0..1.
 
         d (m + (1 - m) min(p / s, 1)), for the multiple m of `cost_limit_schedule` and the share s; d itself once it has
-        been met by the lowest mean cost so far of 50 episodes in a row [M] (`Feedback.lowest_costs`; NaN: unknown).
+        been met by the lowest mean cost so far of W episodes in a row [M] (`Feedback.lowest_costs`; NaN: unknown).
         """
         if not self.cost_limit_schedule:
             return self.limits
@@ -90,13 +90,21 @@ class MeanCostConfig:
     cost_window: Annotated[int, Field(ge=0, le=RECENT_EPISODES)] = 0
     """Number of last episodes in the mean cost, which then lags. With 0, the mean is over the episodes that finished
     since the last update, and at least over the last `cost_episodes`; without a new one multipliers do not change."""
-    cost_episodes: Annotated[int, Field(ge=1, le=RECENT_EPISODES)] = 30
+    cost_episodes: PositiveInt = 30
     """Least number of episodes in the mean cost, as soon as so many have finished: the mean of a few is mostly chance.
-    Has no effect with `cost_window`."""
+    Has no effect with `cost_window`. Above 16 environments the default is two episodes of each."""
 
     def cost_means(self, feedback: Feedback) -> tuple[float, ...]:
         """Return J_c [M], the mean costs that are compared with the limits; NaN before any episode has finished."""
         return feedback.cost_means(self.cost_window, self.cost_episodes)
+
+
+def check_cost_episodes(config: Any, num_envs: int) -> None:
+    """Raise `AlgorithmError` for more `cost_episodes` than a run with N environments remembers."""
+    if not isinstance(config, MeanCostConfig) or config.cost_episodes <= (most := recent_episodes(num_envs)):
+        return
+    given = config.cost_episodes
+    raise AlgorithmError(f"cost_episodes must be at most {most} with {num_envs} environments, got {given}")
 
 
 def cost_metrics(
@@ -135,8 +143,8 @@ def limit_warnings(config: CostConfig, feedback: Feedback) -> dict[str, str]:
     wider, later = "begin with a wider limit (cost_limit_schedule)", "let it tighten later (cost_limit_share)"
     return never_binds | {
         f"limit_never_met{name}": f"the {as_word(name)}cost limit {limit:g} has never been met: in "
-        f"{feedback.episodes} episodes, the mean cost of {MEAN_EPISODES} in a row never fell below {lowest:.3g}; if a "
-        f"policy that has learnt nothing yet can't meet it, {later if config.cost_limit_schedule else wider}"
+        f"{feedback.episodes} episodes, the mean cost of {feedback.judged} in a row never fell below {lowest:.3g}; if "
+        f"a policy that has learnt nothing yet can't meet it, {later if config.cost_limit_schedule else wider}"
         for name, limit, lowest in zip(names, config.limits, feedback.lowest_costs, strict=True)
         if lowest > limit
     }

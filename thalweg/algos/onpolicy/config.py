@@ -173,9 +173,9 @@ class ConstrainedConfig(CostConfig, MeanCostConfig):
 
     cost_limit_schedule: TupleOf[Multiple] = (12.0,)
     """Limits at the beginning of the run, as multiples of the final ones: one number for all costs, or one for each.
-    They tighten linearly, and at once when the mean cost of fifty episodes in a row has met the final limit. Empty:
-    limits stay the same. A limit that idling exceeds teaches a beginner to avoid costs before it has seen what flying
-    pays."""
+    They tighten linearly, and at once when the mean cost of fifty episodes in a row has met the final limit, above 16
+    environments that of three episodes of each. Empty: limits stay the same. A limit that idling exceeds teaches a
+    beginner to avoid costs before it has seen what flying pays."""
     cost_limit_share: Annotated[float, Field(gt=0, le=1)] = 0.6
     """Share of the run after which limits with a schedule have tightened to the final ones."""
     cost_discount: Fraction = 0.99

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ValidationInfo, model_validator
 
 from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.constraint.cost_limits import check_cost_episodes
 from thalweg.algos.registry import algorithm_named, algorithm_names
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
@@ -139,6 +140,7 @@ class Suite:
             for index, each in enumerate((*arm.before, arm)):
                 try:
                     config = algorithm_named(each.algorithm).configure(dict(each.settings), each.preset, self.num_envs)
+                    check_cost_episodes(config, self.num_envs)
                     if index or arm.begin_with is not None:  # begins with the policy of the stage before, or another
                         check_warmup(config, each.steps, self.num_envs)
                     self._check_sight(arm, sees_images(config))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from thalweg.algos.interface import MEAN_EPISODES, RECENT_EPISODES
+from thalweg.algos.interface import MEAN_EPISODES, judged_episodes, recent_episodes
 
 RETURN_MEAN, COST_MEAN, LENGTH_MEAN = (f"{name}_mean_{MEAN_EPISODES}" for name in ("return", "cost", "length"))
 """Names of the means of the last episodes in metrics."""
@@ -76,7 +76,11 @@ class EpisodeStatistics:
         self._sums = np.zeros((num_envs, 4))
         """[N, 4] reward, cost, tight, loose of the running episodes."""
         self._lengths = np.zeros(num_envs, dtype=np.int64)
-        self.recent: deque[Episode] = deque(maxlen=RECENT_EPISODES)
+        self.judged = judged_episodes(num_envs)
+        """W, the number of episodes in a row in `lowest`."""
+        self.recent: deque[Episode] = deque(maxlen=recent_episodes(num_envs))
+        self._last_costs = {name: deque[float](maxlen=self.judged) for name in ("cost", "tight", "loose")}
+        """Costs of the last W episodes, by kind."""
         self.since_update: list[Episode] = []
         """Episodes finished since the last update."""
         self.steps = 0
@@ -86,8 +90,8 @@ class EpisodeStatistics:
         self.largest = {"cost": 0.0, "tight": 0.0, "loose": 0.0}
         """Largest cost of any episode, by kind."""
         self.lowest: dict[str, float] = {}
-        """Lowest mean cost of `MEAN_EPISODES` episodes in a row, by kind; empty before so many have finished. With
-        several episodes that end in one step, only the mean after all of them counts."""
+        """Lowest mean cost of W episodes in a row, by kind; empty before so many have finished. With several episodes
+        that end in one step, only the mean after all of them counts."""
         self.violations = {"cost": 0, "tight": 0, "loose": 0}
         """Number of episodes with a cost, by kind."""
         self.split = False
@@ -109,9 +113,9 @@ class EpisodeStatistics:
                 cost = getattr(episode, name)
                 self.violations[name] += cost > 0
                 self.largest[name] = max(self.largest[name], cost)
-        self.recent.extend(ended)
+        self._remember(ended)
         self.since_update.extend(ended)
-        if ended and len(self.recent) >= MEAN_EPISODES:
+        if ended and len(self.recent) >= self.judged:
             self._lower()
         return ended
 
@@ -128,7 +132,7 @@ class EpisodeStatistics:
         return new, recent, tuple(self.largest[name] for name in names)
 
     def lowest_costs(self, separate: bool) -> tuple[float, ...]:
-        """Return the lowest mean cost [M] of `MEAN_EPISODES` episodes in a row; NaN before so many have finished."""
+        """Return the lowest mean cost [M] of W episodes in a row; NaN before so many have finished."""
         names = ("tight", "loose") if separate else ("cost",)
         return tuple(self.lowest.get(name, math.nan) for name in names)
 
@@ -161,6 +165,7 @@ class EpisodeStatistics:
             "count": self.count,
             "largest": dict(self.largest),
             "lowest": dict(self.lowest),
+            **({"judged": self.judged} if self.judged != MEAN_EPISODES else {}),
             "violations": dict(self.violations),
             "split": self.split,
             "recent": [asdict(episode) for episode in self.recent],
@@ -173,10 +178,13 @@ class EpisodeStatistics:
         self.steps, self.count = int(state["steps"]), int(state["count"])
         self.split = bool(state["split"])
         self.largest = {name: float(cost) for name, cost in state["largest"].items()}
-        # Earlier versions wrote none; then the lowest since the run was resumed counts.
-        self.lowest = {name: float(cost) for name, cost in state.get("lowest", {}).items()}
+        # Earlier versions wrote none, or that of fewer episodes; then the lowest since the run was resumed counts.
+        lowest = state.get("lowest", {}) if state.get("judged", MEAN_EPISODES) == self.judged else {}
+        self.lowest = {name: float(cost) for name, cost in lowest.items()}
         self.violations = {name: int(number) for name, number in state["violations"].items()}
-        self.recent = deque((Episode(**row) for row in state["recent"]), maxlen=RECENT_EPISODES)
+        for kept in (self.recent, *self._last_costs.values()):
+            kept.clear()
+        self._remember([Episode(**row) for row in state["recent"]])
         # Version 0.1.0 called them fresh at first.
         self.since_update = [Episode(**row) for row in state["since_update" if "since_update" in state else "fresh"]]
 
@@ -201,11 +209,16 @@ class EpisodeStatistics:
         self._sums[env], self._lengths[env] = 0.0, 0
         return episode
 
+    def _remember(self, ended: list[Episode]) -> None:
+        """Add episodes that ended to the recent ones."""
+        self.recent.extend(ended)
+        for name, costs in self._last_costs.items():
+            costs.extend(getattr(episode, name) for episode in ended)
+
     def _lower(self) -> None:
-        """Include the mean costs of the last `MEAN_EPISODES` episodes in the lowest ones."""
-        last = list(self.recent)[-MEAN_EPISODES:]
+        """Include the mean costs of the last W episodes in the lowest ones."""
         for name in ("cost", "tight", "loose") if self.split else ("cost",):
-            mean = sum(getattr(episode, name) for episode in last) / len(last)
+            mean = sum(self._last_costs[name]) / self.judged
             self.lowest[name] = min(self.lowest.get(name, math.inf), mean)
 
     def _reason(self, step: StepRecord, env: int) -> str:

@@ -80,7 +80,7 @@ def test_of_4096_environments_each_takes_as_many_steps_and_a_rollout_has_as_many
     assert changes("FOCOPS", 4096) == {
         "steps_per_update": (2048, 131_072),
         "minibatch": (256, 16_384),
-        "critic_warmup_steps": (10_000, 640_000),
+        "critic_warmup_steps": (10_000, 2_560_000),
         "cost_episodes": (30, 8192),
     }
 
@@ -91,7 +91,7 @@ def test_a_replay_learns_from_as_many_steps_for_each_that_was_taken():
         "steps_per_collection": (64, 96),
         "steps_per_update": (2048, 3072),
         "random_steps": (1000, 1500),
-        "critic_warmup_steps": (10_000, 15_000),
+        "critic_warmup_steps": (10_000, 60_000),
         "cost_episodes": (30, 192),
         "minibatch": (128, 192),
         "updates_per_step": (0.25, 0.25 / 1.5),
@@ -105,8 +105,14 @@ def test_one_environment_more_changes_little():
 
 def test_a_planner_fits_as_often_to_as_many_more_steps():
     found = changes("SafeLOOP", 256)
-    names = [name for name in PROPORTIONAL if name != "critic_warmup_steps"]  # it starts from no policy
-    assert {name: wide / usual for name, (usual, wide) in found.items()} == dict.fromkeys(names, 4.0)
+    assert {name: wide / usual for name, (usual, wide) in found.items()} == dict.fromkeys(PROPORTIONAL, 4.0)
+
+
+@pytest.mark.parametrize("algorithm", ["PPO", "SACLag"])
+def test_each_environment_can_fly_an_episode_of_500_steps_while_critics_warm_up(algorithm: str):
+    for count in (1, 16, 17, 20, 64, 65, 256, 1024):
+        warmup = ALGORITHMS[algorithm].configure(num_envs=count).critic_warmup_steps
+        assert warmup == max(10_000, 625 * count)
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)

@@ -126,6 +126,20 @@ def test_a_warmup_that_leaves_no_rollout_is_refused_before_anything_is_written(
     train(tmp_path / "run", steps=256, config=SMALL | {"critic_warmup_steps": warmup})
 
 
+@pytest.mark.parametrize(("algorithm", "most"), [("PPO", 98_304), ("SACLag", 95_840)])
+def test_a_short_run_of_many_environments_is_told_of_the_warmup_that_follows_from_their_number(
+    algorithm: str, most: int
+):
+    check_warmup = importlib.import_module("thalweg.train.run").check_warmup
+    config = algorithm_named(algorithm).configure({}, "default", 256)
+    words = (
+        rf"critic_warmup_steps must be at most {most} .* 100000 steps .* got 160000 for 256 environments: .* set crit"
+    )
+    with pytest.raises(TrainingError, match=words):
+        check_warmup(config, 100_000, 256)
+    check_warmup(config, 200_000, 256)
+
+
 def test_random_steps_that_leave_no_rollout_are_named_and_not_the_warmup():
     check_warmup = importlib.import_module("thalweg.train.run").check_warmup
     config = algorithm_named("SACLag").configure({"critic_warmup_steps": 0, "random_steps": 600}, "default", 8)

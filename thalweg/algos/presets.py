@@ -22,15 +22,14 @@ PROPORTIONAL = (
     "steps_per_update",
     "steps_per_collection",
     "random_steps",
-    "critic_warmup_steps",
     "refit_steps",
     "minibatch",
 )
 """Settings that are multiplied by num_envs / REFERENCE_ENVS."""
 FEW_ENVS = 16
 """The defaults of `PER_ENV` hold for at most this many environments."""
-PER_ENV: Mapping[str, int] = {"cost_episodes": 2}
-"""Settings that are at least so many times num_envs above `FEW_ENVS`."""
+PER_ENV: Mapping[str, int] = {"critic_warmup_steps": 625, "cost_episodes": 2}
+"""Settings that are at least so many times num_envs above `FEW_ENVS`: steps and episodes of each environment."""
 INVERSELY_PROPORTIONAL = ("updates_per_step",)
 """Settings that are divided by num_envs / REFERENCE_ENVS."""
 
@@ -247,9 +246,9 @@ PAPER: dict[str, Settings] = {
 def settings_for_envs(config: type, num_envs: int) -> dict[str, Any]:
     """Return the settings of a config that follow the number of environments; none up to `FEW_ENVS`.
 
-    Some count episodes of all environments (`PER_ENV`). Others change above `REFERENCE_ENVS` only: with f times as many
-    environments, each of them still takes as many steps between two updates, and a gradient step learns from f times as
-    many steps. The number of gradient steps stays the same; each keeps a GPU busier.
+    Some count what each environment must have flown (`PER_ENV`). Others change above `REFERENCE_ENVS` only: with f
+    times as many environments, each of them still takes as many steps between two updates, and a gradient step learns
+    from f times as many steps. The number of gradient steps stays the same; each keeps a GPU busier.
     """
     defaults: dict[str, Any] = {field.name: field.default for field in dataclasses.fields(config)}
     each = {name: count * num_envs for name, count in PER_ENV.items() if name in defaults and num_envs > FEW_ENVS}

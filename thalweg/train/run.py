@@ -237,8 +237,8 @@ def check_warmup(config: Any, steps: int, num_envs: int) -> None:
             )
         raise TrainingError(
             f"critic_warmup_steps must be at most {most} in a run of {steps} steps that begins with another policy, "
-            f"got {given}: only the critics learn during the warm-up, so that the policy would never change; take more"
-            " steps, or set critic_warmup_steps"
+            f"got {given} for {num_envs} environments: only the critics learn during the warm-up, so that the policy "
+            "would never change; take more steps, or set critic_warmup_steps"
         )
 
 

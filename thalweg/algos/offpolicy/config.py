@@ -61,7 +61,8 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     critic_warmup_steps: NonNegativeInt = 10_000
     """With `begin_with`: steps after `random_steps` during which only the critics learn; without it they do nothing.
     Critics that have learnt nothing would move the policy anywhere, and multipliers would act through them. It takes
-    long, because values reach earlier states through slow target networks."""
+    long, because values reach earlier states through slow target networks. Above 16 environments the default is 625
+    steps of each."""
     replay_size: PositiveInt = 1_000_000
     """Steps that the replay buffer holds."""
     minibatch: PositiveInt = 128

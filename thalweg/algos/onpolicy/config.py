@@ -57,7 +57,8 @@ class OnPolicyConfig:
     the privileged state and progress; the policy does not (Pinto et al. 2018)."""
     critic_warmup_steps: NonNegativeInt = 10_000
     """With `begin_with`: environment steps during which only the critics learn, because critics that have learnt
-    nothing would move the policy anywhere; without it, no effect. Policy and multipliers stay until then."""
+    nothing would move the policy anywhere; without it, no effect. Policy and multipliers stay until then. Above 16
+    environments the default is 625 steps of each, enough for an episode of 500."""
     imitation_kl: NonNegativeFloat = 0.0
     """With `begin_with`: weight of the KL from the policy that the run begins with, KL(π ‖ π_0) in nats, summed over
     action branches, in the policy's loss or, of natural gradients, in their objective; that at the beginning."""

@@ -189,6 +189,21 @@ def test_cup_projects_only_where_a_multiplier_is_above_zero():
         assert (metrics["projection_passes"] > 0) == projects and (metrics["projection_kl"] > 0) == projects
 
 
+@pytest.mark.parametrize("name", MULTIPLIED)
+def test_a_heavy_kl_holds_the_policy_where_it_began_while_a_limit_is_broken(name: str):
+    found = {}
+    for weight in (0.0, 300.0):
+        origin, learner = (learner_for(name, imitation_kl=weight, learning_rate=1e-2) for _ in range(2))
+        learner.policy.initialise_from(origin.policy)
+        for seed in range(6):
+            metrics = learner.update(tempted(learner, seed), feedback(BROKEN, progress=0.0))
+        assert metrics["multiplier"] == 2.0 and metrics.get("projection_passes", 1) > 0
+        obs = torch.randn(256, D, generator=torch.Generator().manual_seed(9))
+        with torch.no_grad():
+            found[weight] = float(learner.policy.distribution(obs).kl(origin.policy.distribution(obs)).mean())
+    assert found[300.0] < 1e-3 < 0.2 < found[0.0]
+
+
 def test_p3o_has_no_penalty_while_the_cost_is_below_the_limit():
     for cost, open_ in ((0.0, False), (0.9, True)):
         learner = learner_for("P3O", cost_limit=0.5, limit_scale="none", standardise_cost=False, penalty=20.0)

@@ -96,7 +96,7 @@ class CUP:
         advantages = cost_advantages(config, samples)
         costs = (advantages.new_tensor(self.multipliers.values).unsqueeze(-1) * advantages).sum(0)
         back = KLMonitor(agent, samples, new_first=True)
-        data = (samples.actions, back.old_parameters, monitor.old_log_prob, costs)
+        data = (samples.actions, back.old_parameters, monitor.old_log_prob, costs, samples.imitated)
         while back.passes < config.projection_passes and back.kl <= config.target_kl and any(self.multipliers.values):
             for inputs, rows in samples.minibatches(data, config.minibatch, agent.generator):
                 self._project(inputs, *rows)
@@ -127,13 +127,20 @@ class CUP:
         )
 
     def _project(
-        self, inputs: Tensor | Sequences, actions: Tensor, improved: Tensor, old_log_prob: Tensor, costs: Tensor
+        self,
+        inputs: Tensor | Sequences,
+        actions: Tensor,
+        improved: Tensor,
+        old_log_prob: Tensor,
+        costs: Tensor,
+        imitated: Tensor,
     ) -> None:
         """Take one gradient step of the policy towards the limit."""
         half = self.policy.actions.distribution(improved)
         self.agent.step(
             inputs,
             lambda new: projection_loss(self.config, new.log_prob(actions), old_log_prob, new.kl(half), costs),
+            imitated,
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:

@@ -40,12 +40,12 @@ class EyeLayers(nn.Module):
 
     def __init__(self, eyes: Convolutions) -> None:
         super().__init__()
-        self.convolutions, self.linear = eyes.convolutions, eyes.linear
+        self.convolutions, self.linear, self.last_options = eyes.convolutions, eyes.linear, eyes.last_options
 
     def forward(self, pixels: Tensor, last: Tensor) -> Tensor:
         seen = self.convolutions(pixels * (1.0 / 128.0) - 1.0)
         features = functional.relu(self.linear(seen.flatten(1)))
-        return torch.cat([features, torch.where(last >= 0, last - 1, 0).float()], -1)
+        return torch.cat([features, self.last_options(last + 1)], -1)
 
 
 class Scaling(nn.Module):

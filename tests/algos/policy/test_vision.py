@@ -1,5 +1,6 @@
 """Policies with eyes: what they see, their memory of actions, their files, and what they refuse."""
 
+import json
 from pathlib import Path
 
 import gymnasium as gym
@@ -15,7 +16,7 @@ from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.memory import Sequences
 from thalweg.algos.policy.networks import NetworkShape
 from thalweg.algos.policy.policy import Policy
-from thalweg.algos.policy.vision import Convolutions, Eyes, rows_of
+from thalweg.algos.policy.vision import Convolutions, Eyes, LastOptions, rows_of
 
 EYES = Eyes((16, 16, 3), (4, 6), 8)
 ACTIONS = actions_of(gym.spaces.MultiDiscrete([3, 3, 3, 3]))
@@ -34,7 +35,7 @@ def images(count: int, seed: int = 0, eyes: Eyes = EYES) -> np.ndarray:
 def test_features_are_those_of_the_layers_by_hand():
     """One filter that copies the mean of each patch, and a linear layer that adds them: the image's mean."""
     eyes = Eyes((8, 8, 1), (1,), 1)
-    convolutions = Convolutions(eyes, 2, torch.Generator().manual_seed(0))
+    convolutions = Convolutions(eyes, (3, 3), torch.Generator().manual_seed(0))
     first = convolutions.convolutions[0]
     with torch.no_grad():
         first.weight.fill_(1 / 16)
@@ -45,6 +46,50 @@ def test_features_are_those_of_the_layers_by_hand():
     found = convolutions(torch.from_numpy(rows_of(image, np.array([[-1, 2]]))))
     assert found[0, 0].item() == pytest.approx(image.mean() / 128 - 1 + 2, rel=1e-5)
     assert found[0, 1:].tolist() == [0.0, 1.0]  # no last action of the first branch, option 2 of the other
+
+
+def test_up_to_three_options_are_numbers_from_minus_one_and_none_is_zero():
+    last = torch.tensor([[0, 0, 0], [1, 1, 1], [1, 2, 2], [1, 2, 3]], dtype=torch.uint8)
+    plain = torch.where(last > 0, last.float() - 2.0, 0.0)
+    assert torch.equal(LastOptions((1, 2, 3), torch.device("cpu"))(last), plain)
+
+
+@pytest.mark.parametrize("size", [4, 5, 9, 255])
+def test_many_options_are_numbers_up_to_one_and_none_is_another(size: int):
+    options = LastOptions((3, size), torch.device("cpu"))
+    found = options(torch.stack([torch.arange(size + 1).clamp(max=3), torch.arange(size + 1)], 1))
+    assert found[:4, 0].tolist() == [0.0, -1.0, 0.0, 1.0]
+    assert found[:, 1].tolist() == pytest.approx(np.linspace(-1.0, 1.0, size + 1).tolist(), abs=1e-6)
+
+
+def many_options(path: Path) -> tuple[Policy, np.ndarray]:
+    """A policy with a branch of nine options, saved, and rows in which each of them was the last."""
+    actions = actions_of(gym.spaces.MultiDiscrete([3, 9]))
+    shape = NetworkShape((7,), initial="kaiming", eyes=EYES)
+    made = Policy(EYES.pixels + 2, actions, shape, generator=torch.Generator().manual_seed(0))
+    made.save(path)
+    last = np.stack([np.full(9, 1), np.arange(9)], 1)
+    return made, rows_of(np.repeat(images(1), 9, 0), last)
+
+
+def test_a_file_of_an_earlier_version_sees_many_options_as_it_learnt_to(tmp_path: Path):
+    path = tmp_path / "policy.safetensors"
+    made, rows = many_options(path)
+    seen = torch.from_numpy(rows)
+    loaded = Policy.load(path)
+    with torch.no_grad():
+        assert torch.equal(loaded.actor(seen), made.actor(seen))
+        assert made.actor.seen(seen)[:, -1].abs().max() == 1.0  # pyright: ignore[reportIndexIssue]
+        with safe_open(path, framework="numpy") as file:
+            header = json.loads(file.metadata()["thalweg_policy"])
+        del header["last_options"]
+        save_file(load_file(path), path, {"thalweg_policy": json.dumps(header)})
+        for _ in range(2):
+            early = Policy.load(path)
+            assert early.actor.seen(seen)[:, -1].tolist() == [-1.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]  # pyright: ignore
+            early.save(path)  # as it was read
+    with pytest.raises(AlgorithmError, match="last_options is scaled here and plain there"):
+        made.initialise_from(early)
 
 
 def test_a_player_remembers_its_last_actions_until_the_episode_ends():

@@ -61,7 +61,8 @@ class Actor(nn.Module):
 
     def __init__(self, inputs: int, actions: Actions, shape: NetworkShape, generator: torch.Generator) -> None:
         super().__init__()
-        self.eyes = Convolutions(shape.eyes, actions.count, generator) if shape.eyes else None
+        sizes = actions.sizes or (1,) * actions.count
+        self.eyes = Convolutions(shape.eyes, sizes, generator) if shape.eyes else None
         inputs = inputs if self.eyes is None else self.eyes.outputs
         self.gru = Gru(inputs, shape.memory, generator) if shape.memory else None
         # With a last layer near zero, the first policy is nearly uniform over the options, whatever it observes.

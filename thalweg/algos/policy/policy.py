@@ -33,6 +33,9 @@ from thalweg.core.compute.torch_threads import torch_threads
 
 DEFAULT_SHAPE = NetworkShape()
 NO_ORIGIN = About()
+LAST_OPTIONS, SCALED = "last_options", "scaled"
+"""Key of a policy file for how a policy with eyes sees its last options, and its value where they are scaled; there is
+no such key otherwise."""
 
 
 class OptionCopy(NamedTuple):
@@ -123,6 +126,11 @@ class Policy:
         return self.actor.stack.flat.device
 
     @property
+    def scales_options(self) -> bool:
+        """Whether it sees numbers of last options that are scaled, see `LastOptions`."""
+        return self.actor.eyes is not None and self.actor.eyes.last_options.scaled
+
+    @property
     def draws_compiled(self) -> bool:
         """Whether its options are drawn by `option_sampling`: a small categorical network on the CPU."""
         actor = self.actor
@@ -196,6 +204,7 @@ class Policy:
             "filters": shape.eyes and shape.eyes.filters,
             "features": shape.eyes and shape.eyes.features,
             "normalise_observations": self.normaliser.enabled,
+            LAST_OPTIONS: SCALED if self.scales_options else "plain",
         }
 
     def player(
@@ -230,6 +239,7 @@ class Policy:
             "frames": self.frames,
             "greedy": self.greedy,
             **({"temperature": self.temperature} if self.temperature != 1.0 else {}),
+            **({LAST_OPTIONS: SCALED} if self.scales_options else {}),
             "shape": self.shape.as_data(),
             "actions": self.actions.as_data(),
             "normaliser": {"count": self.normaliser.count, "enabled": self.normaliser.enabled},
@@ -269,6 +279,8 @@ class Policy:
             about=about,
         )
         load_module(policy.actor, tensors_of(tensors, "actor"))
+        if policy.actor.eyes is not None and header.get(LAST_OPTIONS) != SCALED:  # as earlier versions took them
+            policy.actor.eyes.last_options.unscale()
         if shape.eyes is None:
             policy.normaliser.load_state(header["normaliser"] | tensors_of(tensors, "normaliser"))
         return policy

@@ -6,6 +6,7 @@ features.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,8 @@ FIRST_STRIDE, KERNEL = 4, 3
 BLOCK_IMAGES = 64
 """Images of a block in `Convolutions.in_blocks`: what the convolutions make of so many stays in the processor's cache,
 which is up to twice as fast as a batch of 256."""
+FEW_OPTIONS = 3
+"""Options of a branch that are -1, 0 and 1 as numbers; those of more are scaled."""
 NO_OPTION = -1
 """Stands for the last action at the beginning of an episode."""
 
@@ -41,13 +44,47 @@ class Eyes:
         return math.prod(self.image)
 
 
+class LastOptions(nn.Module):
+    """Last actions, bytes [B, A] as in rows but of any type, to numbers float32 [B, A] in -1..1.
+
+    Of up to three options they are -1, 0, 1, and 0 where there is none; of more, they begin above -1, which stands for
+    none, and lie apart by equal steps.
+    """
+
+    factor: Tensor
+    shift: Tensor
+    none: Tensor
+
+    def __init__(self, sizes: Sequence[int], device: torch.device) -> None:
+        """`sizes` are the options of each branch."""
+        super().__init__()
+        self.scaled = max(sizes, default=0) > FEW_OPTIONS
+        """Whether a branch has so many options that their numbers are scaled."""
+        numbers = [(2.0 / size, -1.0, -1.0) if size > FEW_OPTIONS else (1.0, -2.0, 0.0) for size in sizes]
+        parts = torch.tensor(numbers, device=device).T
+        for name, part in zip(("factor", "shift", "none"), parts, strict=True):
+            self.register_buffer(name, part, persistent=False)
+
+    def unscale(self) -> None:
+        """Take the numbers of any branch for what they are of three options: -1, 0, 1, 2 and so on."""
+        self.scaled = False
+        for part, value in ((self.factor, 1.0), (self.shift, -2.0), (self.none, 0.0)):
+            part.fill_(value)
+
+    def forward(self, last: Tensor) -> Tensor:
+        last = last.float()
+        return torch.where(last > 0, last * self.factor + self.shift, self.none)
+
+
 class Convolutions(nn.Module):
     """Images and last actions, as rows uint8 [B, pixels + A], to features float32 [B, F + A]."""
 
-    def __init__(self, eyes: Eyes, branches: int, generator: torch.Generator) -> None:
-        """Initialise the weights as torch does its own layers, from the generator, on its device."""
+    def __init__(self, eyes: Eyes, sizes: Sequence[int], generator: torch.Generator) -> None:
+        """Initialise the weights as torch does its own layers, from the generator, on its device; `sizes` [A] are the
+        options of each branch."""
         super().__init__()
-        self.eyes, self.branches = eyes, branches
+        self.eyes, self.branches = eyes, len(sizes)
+        self.last_options = LastOptions(sizes, generator.device)
         height, width, before = eyes.image
         layers: list[nn.Module] = []
         for depth, after in enumerate(eyes.filters):
@@ -82,8 +119,7 @@ class Convolutions(nn.Module):
         images = rows[:, :pixels].reshape(-1, *self.eyes.image).permute(0, 3, 1, 2)
         seen = self.convolutions(images.float().mul_(1.0 / 128.0).sub_(1.0))
         features = functional.relu(self.linear(seen.flatten(1)))
-        last = rows[:, pixels:].float()
-        return torch.cat([features, torch.where(last > 0, last - 2.0, 0.0)], -1)
+        return torch.cat([features, self.last_options(rows[:, pixels:])], -1)
 
 
 def rows_of(images: np.ndarray, last_options: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from thalweg.encoder import (
     check_render_version,
     load_encoder,
 )
-from thalweg.encoder.encoder import CHUNKS
+from thalweg.encoder.encoder import CHUNKS, PACKAGED
 from thalweg.encoder.reconstruction import to_batch
 
 
@@ -191,3 +191,10 @@ def test_each_of_the_configured_threads_uses_one_thread_of_pytorch(
     assert [threads for _, threads, _ in seen] == [1] * len(batches)
     assert [size for _, _, size in seen] == batches
     np.testing.assert_array_equal(codes, encoder(np.resize(frames, (count, *frames.shape[1:]))))
+
+
+@pytest.mark.parametrize("name", PACKAGED)
+def test_loading_one_leaves_the_global_generator_alone(name: str):
+    before = torch.get_rng_state()
+    load_encoder(name)
+    assert torch.equal(torch.get_rng_state(), before)

@@ -21,6 +21,7 @@ import torch
 from torch import Tensor, nn
 
 from thalweg.core.compute.device import resolve_device
+from thalweg.core.compute.torch_layers import uninitialised
 from thalweg.core.compute.torch_threads import run_in_torch_threads
 from thalweg.core.plugins.lookup import names
 from thalweg.core.suggestion import did_you_mean
@@ -258,7 +259,7 @@ def check_render_version(encoder: Encoder, version: int) -> None:
 
 def _convolution(weight: torch.Tensor, bias: torch.Tensor) -> nn.Conv2d:
     out_channels, in_channels, height, width = weight.shape
-    layer = nn.Conv2d(in_channels, out_channels, (height, width), 2, 1).requires_grad_(False)
+    layer = uninitialised(nn.Conv2d, in_channels, out_channels, (height, width), 2, 1).requires_grad_(False)
     layer.weight.copy_(weight)
     assert layer.bias is not None
     layer.bias.copy_(bias)

@@ -120,7 +120,8 @@ def _loaded(path: str | Path, tensors: Mapping[str, torch.Tensor], about: dict[s
             raise EncoderFileError(f"{path}: tensor {name} has shape {found.get(name)}, not {expected.get(name)}")
         if wrong := _number_error(name, tensors[name]):
             raise EncoderFileError(f"{path}: tensor {name} holds numbers that are {wrong}")
-    model = network(config)
+    with torch.random.fork_rng(devices=[]):  # its initial weights, of no use, are not drawn from the caller's numbers
+        model = network(config)
     model.load_state_dict({name: tensor.to(model.state_dict()[name].dtype) for name, tensor in tensors.items()})
     return model.eval(), about
 

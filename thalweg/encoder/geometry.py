@@ -14,6 +14,7 @@ import torch
 from pydantic import Field, PositiveInt, model_validator
 from torch import Tensor, nn
 
+from thalweg.core.compute.torch_layers import uninitialised
 from thalweg.core.config import FiniteNonNegative, FinitePositive, TupleOf, frozen_config
 from thalweg.encoder.frame_size import FrameSize
 from thalweg.encoder.vae import (
@@ -133,9 +134,9 @@ class GeometryNetwork(nn.Module):
     def dense_layers(self) -> nn.Sequential:
         """Return copies of the layers behind the convolutions, with the norm of the code folded into the last."""
         assert self.norm.running_mean is not None and self.norm.running_var is not None
-        hidden = nn.Linear(self.hidden.in_features, self.hidden.out_features)
+        hidden = uninitialised(nn.Linear, self.hidden.in_features, self.hidden.out_features)
         hidden.load_state_dict(self.hidden.state_dict())
-        code = nn.Linear(self.code.in_features, self.code.out_features)
+        code = uninitialised(nn.Linear, self.code.in_features, self.code.out_features)
         scale = 1.0 / torch.sqrt(self.norm.running_var.double() + self.norm.eps)
         code.weight.copy_(self.code.weight.double() * scale[:, None])
         code.bias.copy_(-self.norm.running_mean.double() * scale)

@@ -183,7 +183,8 @@ class _State:
         network = self.network
         if not len(held_out.frames):
             return None
-        copy = GeometryNetwork(network.config)
+        with torch.random.fork_rng(devices=[]):
+            copy = GeometryNetwork(network.config)
         copy.load_state_dict(network.state_dict())
         encoder = Encoder(copy)
         found = r_squared(encoder.predict(encoder(held_out.frames)), held_out.truths)

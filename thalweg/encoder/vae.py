@@ -14,6 +14,7 @@ import torch
 from pydantic import PositiveInt, model_validator
 from torch import nn
 
+from thalweg.core.compute.torch_layers import uninitialised
 from thalweg.core.config import FiniteNonNegative, FinitePositive, frozen_config
 from thalweg.encoder.frame_size import FrameSize, halved, sides
 
@@ -127,7 +128,7 @@ class VAE(nn.Module):
 
     def dense_layers(self) -> nn.Linear:
         """Return a copy of the layer behind the convolutions that gives the mean of a code."""
-        head = nn.Linear(self.mean.in_features, self.mean.out_features).requires_grad_(False)
+        head = uninitialised(nn.Linear, self.mean.in_features, self.mean.out_features).requires_grad_(False)
         head.load_state_dict(self.mean.state_dict())
         return head
 

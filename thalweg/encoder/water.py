@@ -65,7 +65,8 @@ def save_segmenter(path: Path, segmenter: WaterSegmenter, about: dict[str, Any] 
 
 def load_segmenter(path: Path = PACKAGED_WATER) -> WaterSegmenter:
     """Return the segmenter of a file; raises `EncoderFileError` for any other file."""
-    segmenter = WaterSegmenter()
+    with torch.random.fork_rng(devices=[]):  # its initial weights, of no use, are not drawn from the caller's numbers
+        segmenter = WaterSegmenter()
     try:
         tensors = read_tensors(path, KIND)[0]
         segmenter.load_state_dict(

@@ -101,6 +101,12 @@ def test_only_a_memory_can_tell_what_was_seen_before(small: None):
     assert with_memory["regret"] < 0.2 < 1.0 < without["regret"]
 
 
+def test_making_one_leaves_the_global_generator_alone(small: None):
+    before = torch.get_rng_state()
+    student()
+    assert torch.equal(torch.get_rng_state(), before)
+
+
 def test_it_resumes_to_the_same_numbers(small: None):
     learner, other = student(), student()
     taught(learner, rounds=3)

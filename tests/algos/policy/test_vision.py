@@ -48,6 +48,26 @@ def test_features_are_those_of_the_layers_by_hand():
     assert found[0, 1:].tolist() == [0.0, 1.0]  # no last action of the first branch, option 2 of the other
 
 
+def test_making_and_loading_one_leaves_the_global_generator_alone(tmp_path: Path):
+    before = torch.get_rng_state()
+    policy().save(tmp_path / "policy.safetensors")
+    Policy.load(tmp_path / "policy.safetensors")
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+def test_initial_weights_are_those_that_the_generator_draws():
+    """In the layout that convolutions compute with, in the order of the layers."""
+    made, generator = policy(memory=0).actor.eyes, torch.Generator().manual_seed(0)
+    assert made is not None
+    for layer in (made.convolutions[0], made.convolutions[2], made.linear):
+        bound = 1.0 / layer.weight[0].numel() ** 0.5  # pyright: ignore
+        for part in (layer.weight, layer.bias):
+            expected = torch.empty_like(part).uniform_(-bound, bound, generator=generator)  # pyright: ignore
+            assert torch.equal(part, expected) and part.is_contiguous(  # pyright: ignore
+                memory_format=torch.channels_last if part.dim() == 4 else torch.contiguous_format  # pyright: ignore
+            )
+
+
 def test_up_to_three_options_are_numbers_from_minus_one_and_none_is_zero():
     last = torch.tensor([[0, 0, 0], [1, 1, 1], [1, 2, 2], [1, 2, 3]], dtype=torch.uint8)
     plain = torch.where(last > 0, last.float() - 2.0, 0.0)

@@ -31,6 +31,7 @@ from thalweg.algos.policy.memory import Sequences
 from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.algos.policy.policy import Policy
 from thalweg.algos.policy.policy_file import About
+from thalweg.core.compute.torch_layers import uninitialised
 from thalweg.core.config import to_plain
 
 ALGORITHM = "DAgger"
@@ -216,7 +217,7 @@ class Student:
 
 def _linear(inputs: int, outputs: int, generator: torch.Generator) -> nn.Linear:
     """Return a linear layer with small random weights from a generator."""
-    layer = nn.Linear(inputs, outputs, device=generator.device)
+    layer = uninitialised(nn.Linear, inputs, outputs, device=generator.device)
     with torch.no_grad():
         layer.weight.normal_(0.0, 0.01, generator=generator)
         layer.bias.zero_()

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from thalweg.algos.common.errors import AlgorithmError
+from thalweg.core.compute.torch_layers import uninitialised
 
 FIRST_STRIDE, KERNEL = 4, 3
 """The first convolution sees patches of 4x4 pixels that do not overlap; the others see 3x3 and halve the image."""
@@ -80,8 +81,8 @@ class Convolutions(nn.Module):
     """Images and last actions, as rows uint8 [B, pixels + A], to features float32 [B, F + A]."""
 
     def __init__(self, eyes: Eyes, sizes: Sequence[int], generator: torch.Generator) -> None:
-        """Initialise the weights as torch does its own layers, from the generator, on its device; `sizes` [A] are the
-        options of each branch."""
+        """Initialise the weights as torch does its own layers, but from the generator alone, on its device; `sizes`
+        [A] are the options of each branch."""
         super().__init__()
         self.eyes, self.branches = eyes, len(sizes)
         self.last_options = LastOptions(sizes, generator.device)
@@ -89,11 +90,12 @@ class Convolutions(nn.Module):
         layers: list[nn.Module] = []
         for depth, after in enumerate(eyes.filters):
             shape = (FIRST_STRIDE, FIRST_STRIDE, 0) if depth == 0 else (KERNEL, 2, 1)
-            layers += [nn.Conv2d(before, after, *shape, device=generator.device), nn.ReLU()]
+            layers += [uninitialised(nn.Conv2d, before, after, *shape, device=generator.device), nn.ReLU()]
             height, width = ((size + 2 * shape[2] - shape[0]) // shape[1] + 1 for size in (height, width))
             before = after
         self.convolutions = nn.Sequential(*layers).to(memory_format=torch.channels_last)  # pyright: ignore
-        self.linear = nn.Linear(before * height * width, eyes.features, device=generator.device)
+        inputs = before * height * width
+        self.linear = uninitialised(nn.Linear, inputs, eyes.features, device=generator.device)
         with torch.no_grad():
             for layer in (*self.convolutions, self.linear):
                 if isinstance(layer, nn.Conv2d | nn.Linear):

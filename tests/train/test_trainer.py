@@ -2,6 +2,7 @@
 
 import csv
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,8 @@ from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.onpolicy.config import OnPolicyConfig
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.policy import Policy
-from thalweg.train import TrainingError, run
+from thalweg.train import TrainingError, UnitWarning, run
+from thalweg.train.folder.run_record import read_status
 from thalweg.train.rollouts.collector import HostCollector
 from thalweg.train.rollouts.env_stepper import EnvStepper
 from thalweg.train.rollouts.episodes import Episode
@@ -190,3 +192,34 @@ def test_a_learner_with_nothing_to_report_writes_no_row_and_resumes_with_what_wa
     again = rows(tmp_path / "broken", "metrics.csv")
     assert [row["told"] for row in again] == [row["told"] for row in metrics]
     assert (tmp_path / "broken" / "episodes.csv").read_text() == (tmp_path / "whole" / "episodes.csv").read_text()
+
+
+class SmallUnits(Walk):
+    """Walkers that see their clock as one of two tiny numbers, beside a number that is constant but for rounding."""
+
+    def _obs(self) -> np.ndarray:
+        obs = super()._obs()
+        obs[:, 1] = 3.0 * (1.0 + 1e-7 * np.sign(obs[:, 0]))
+        obs[:, 2] *= 1e-6
+        return obs
+
+
+@pytest.mark.parametrize("settings", [{}, {"frame_stack": 2}, {"normalise_observations": False}])
+def test_a_run_warns_once_of_numbers_that_vary_but_are_ignored(settings: dict[str, Any], tmp_path: Path):
+    config = {"steps_per_update": 128, "minibatch": 64, "passes": 1, "hidden": [8]} | settings
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        result = run("PPO", SmallUnits(), steps=1280, seed=0, folder=tmp_path, config=config)
+    found = [str(each.message) for each in caught if each.category is UnitWarning]
+    if "normalise_observations" in settings:
+        assert not found
+    else:
+        assert len(found) == 1 and "numbers of the observation, counted from 0: 2; they vary" in found[0]
+        assert read_status(tmp_path)["warnings"] == {"numbers_ignored": found[0]}
+    assert result.episodes > 40
+
+
+def test_observations_of_usual_units_give_no_such_warning(tmp_path: Path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UnitWarning)
+        run("PPO", Walk(), steps=1280, seed=0, folder=tmp_path, config={"steps_per_update": 128, "hidden": [8]})

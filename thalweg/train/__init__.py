@@ -1,7 +1,7 @@
 """Training: rollouts, the training loop, checkpoints and logs; the only package that joins environment, encoder and
 algorithm."""
 
-from thalweg.train.errors import ResumeWarning, ShortRunWarning, TrainingError
+from thalweg.train.errors import ResumeWarning, ShortRunWarning, TrainingError, UnitWarning
 from thalweg.train.latent import LatentTensorEnv, LatentVectorEnv
 from thalweg.train.numbers import NumbersTensorEnv, NumbersVectorEnv
 from thalweg.train.run import run
@@ -16,6 +16,7 @@ __all__ = [
     "RunResult",
     "ShortRunWarning",
     "TrainingError",
+    "UnitWarning",
     "load_policy",
     "run",
 ]

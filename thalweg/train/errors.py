@@ -9,5 +9,9 @@ class ShortRunWarning(UserWarning):
     """A run of so few updates that its policy hardly changes."""
 
 
+class UnitWarning(UserWarning):
+    """Numbers of an observation that vary by so little in their unit that the policy does not see them."""
+
+
 class ResumeWarning(UserWarning):
     """A run that resumes from a checkpoint, but will not end with the same numbers as an uninterrupted one."""

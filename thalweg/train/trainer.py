@@ -5,10 +5,17 @@ import warnings
 from typing import Any
 
 from thalweg.algos.common.errors import LimitWarning
+from thalweg.algos.constraint.cost_limits import ENOUGH_EPISODES
 from thalweg.algos.interface import Feedback, Learner
+from thalweg.algos.policy.normaliser import CONSTANT_STD
+from thalweg.algos.policy.policy import Policy
 from thalweg.core.compute.torch_threads import torch_threads
+from thalweg.train.errors import UnitWarning
 from thalweg.train.rollouts.collector import Collector
 from thalweg.train.rollouts.episodes import Episode
+
+MOST_LISTED = 10
+"""Numbers of an observation that a warning names at most."""
 
 
 class Trainer:
@@ -70,7 +77,9 @@ class Trainer:
         self.collector.clear()
         self._steps_at_update = self.statistics.steps
         if metrics:
-            self._warn(self.learner.warnings(feedback))
+            self._warn(self.learner.warnings(feedback), LimitWarning)
+            if feedback.episodes >= ENOUGH_EPISODES:
+                self._warn(overlooked_numbers(self.policy), UnitWarning)
             self.statistics.since_update.clear()
             self.updates += 1
             if self.learner.resets and not self.done:
@@ -111,9 +120,23 @@ class Trainer:
         self._steps_at_update = self.statistics.steps
         self.collector.load_state(state, self.seed)
 
-    def _warn(self, found: dict[str, str]) -> None:
-        """Give each warning once in a run."""
+    def _warn(self, found: dict[str, str], kind: type[Warning]) -> None:
+        """Give each warning, by its code, once in a run."""
         for code, sentence in found.items():
             if code not in self.warned:
                 self.warned[code] = sentence
-                warnings.warn(sentence, LimitWarning, stacklevel=5)
+                warnings.warn(sentence, kind, stacklevel=5)
+
+
+def overlooked_numbers(policy: Any) -> dict[str, str]:
+    """Return a warning, by a short code, of numbers of the observation that vary, but that the policy ignores."""
+    if not isinstance(policy, Policy) or not (found := policy.normaliser.overlooked).any():
+        return {}
+    numbers = sorted({index % policy.obs_size for index in found.nonzero().squeeze(-1).tolist()})
+    listed = ", ".join(map(str, numbers[:MOST_LISTED])) + (" and others" if len(numbers) > MOST_LISTED else "")
+    sentence = (
+        f"the policy ignores numbers of the observation, counted from 0: {listed}; they vary by a standard deviation of"
+        f" at most {CONSTANT_STD:g}, and are taken for constant; give them in a smaller unit, such as multiples of"
+        " their usual deviation, or set normalise_observations=false"
+    )
+    return {"numbers_ignored": sentence}

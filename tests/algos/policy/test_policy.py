@@ -102,6 +102,18 @@ def test_the_normaliser_has_the_moments_of_everything_it_saw():
     assert out.std(0) == pytest.approx(np.ones(5), abs=0.02)
 
 
+def test_the_normaliser_tells_small_units_from_constants_and_rounding():
+    normaliser = Normaliser(5)
+    assert not normaliser.overlooked.any()
+    seen = torch.tensor([0.1, 1e-6, 0.3, 0.0, 1.0]).repeat(1000, 1)
+    seen[::2] = torch.tensor([0.1, 3e-6, 0.3, 0.0, 2.0])
+    seen[::2, 2] += 3e-8  # the next number in float32
+    for part in seen.split(7):
+        normaliser.update(part)
+    assert normaliser.overlooked.tolist() == [False, True, False, False, False]
+    assert not Normaliser(5, enabled=False).overlooked.any()
+
+
 def test_the_normaliser_ignores_a_number_that_has_never_varied():
     normaliser = Normaliser(3)
     normaliser.update(torch.tensor([[0.0, 7.0, 0.000], [1.0, 7.0, 0.002]]))

@@ -15,6 +15,8 @@ STD_FLOOR = 0.01
 CONSTANT_STD = 1e-5
 """Numbers that have varied by no more than this are ignored: nothing was learnt about them, so that another value, seen
 later, must not reach the network, least of all `CLIP` deviations large."""
+ROUNDING = 1e-6
+"""Standard deviation, as a share of the mean, up to which numbers in float32 vary by rounding alone."""
 
 
 class Normaliser:
@@ -67,6 +69,11 @@ class Normaliser:
         """[D] bool, which numbers never reached the network, because they have not varied (`CONSTANT_STD`)."""
         return self.scale == 0.0
 
+    @property
+    def overlooked(self) -> Tensor:
+        """[D] bool, which of the ignored numbers do vary, only by little in their unit."""
+        return self.ignored & (self._std > ROUNDING * self.mean.abs())
+
     def state(self) -> dict:
         """Return the statistics as arrays and plain data."""
         moments = {"mean": array_of(self.mean), "square": array_of(self.square)}
@@ -86,7 +93,11 @@ class Normaliser:
         self.mean, self.square = (tensor_of(state[name], self.mean.device).double() for name in ("mean", "square"))
         self._refresh()
 
+    @property
+    def _std(self) -> Tensor:
+        return (self.square / max(self.count, 1)).sqrt()
+
     def _refresh(self) -> None:
-        std = (self.square / max(self.count, 1)).sqrt()
+        std = self._std
         scale = torch.where(std > CONSTANT_STD, 1.0 / std.clamp(min=STD_FLOOR), 0.0)
         self._shift, self._scale = self.mean.float(), scale.float()

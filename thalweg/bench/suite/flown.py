@@ -134,7 +134,7 @@ def flown(value: Any) -> Any:
     Raises the errors of `Function` and `SavedPolicy`.
     """
     if isinstance(value, str):
-        return Function(value) if is_reference(value) else SavedPolicy(value)
+        return Function(value) if is_reference(value) else SavedPolicy((PolicyFile.of(value),))
     if isinstance(value, Mapping):
         return parse_config(SavedPolicy if "policy" in value else Function, value)
     return value

@@ -36,8 +36,10 @@ class PolicyFile:
     def of(cls, given: Any) -> "PolicyFile":
         """Return the policy of a name or path; raises `ResultsError` for anything that names none, and the errors of a
         policy that cannot be loaded."""
-        if isinstance(given, cls) or given == PACKAGED:
-            return given if isinstance(given, cls) else cls(given, "")
+        if isinstance(given, cls):
+            return given
+        if given == PACKAGED:
+            return cls(PACKAGED, "")
         if not isinstance(given, str) or not given:
             names = ", ".join(PACKAGED_POLICIES)
             raise ResultsError(f"must be a run's folder, a policy file, or one of {names}, got {given!r}")

@@ -16,7 +16,15 @@ from PIL import Image
 
 import thalweg
 from thalweg.core import atomic_io
-from thalweg.core.atomic_io import atomic_path, disk_errors_name, is_disk_error, write_atomic, write_picture
+from thalweg.core.atomic_io import (
+    atomic_path,
+    disk_errors_name,
+    is_disk_error,
+    is_temporary,
+    without_temporaries,
+    write_atomic,
+    write_picture,
+)
 
 FOLDERS = {
     "datasets/draft.py",
@@ -230,3 +238,13 @@ def test_a_file_that_is_read_on_windows_is_replaced_a_little_later(
     else:
         write_atomic(path, "new")
     assert path.read_text() == left and names(tmp_path) == ["file.txt"]
+
+
+def test_the_temporary_files_of_killed_processes_are_told_from_all_others(tmp_path):
+    for name in ("file.txt", "without", "two.dots.npz"):
+        with pytest.raises(ValueError), atomic_path(tmp_path / name) as draft:
+            assert is_temporary(draft) and draft.name != name
+            raise ValueError
+    others = [tmp_path / name for name in ("a.part.csv", ".a.part.csv", ".a.1.part.csv", ".lock", "b.npz", ".part")]
+    assert not any(map(is_temporary, others))
+    assert without_temporaries([tmp_path / ".a.0123456789abcdef.part.csv", *others]) == sorted(others)

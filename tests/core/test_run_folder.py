@@ -73,3 +73,23 @@ def test_other_errors_of_a_lock_are_raised(tmp_path: Path, monkeypatch: pytest.M
     fail_to_lock(monkeypatch, OSError(errno.EACCES, "Permission denied"))
     with pytest.raises(PermissionError, match="Permission denied"), KIND.locked(tmp_path):
         pytest.fail("the folder was used")
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from thalweg.core.run_folder import FolderKind
+os.replace = lambda *_: os._exit(9)
+kind = FolderKind("suite", "suite.json", ValueError)
+with kind.locked(Path(sys.argv[1])):
+    kind.write_json(Path(sys.argv[1]), {})
+"""
+
+
+def test_a_folder_whose_command_was_killed_in_its_first_write_is_new(tmp_path: Path):
+    assert subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)]).returncode == 9
+    assert len([path for path in tmp_path.iterdir() if path.name != LOCK]) == 1
+    assert KIND.is_new(tmp_path)
+    (tmp_path / ".hidden").touch()
+    with pytest.raises(ValueError, match=r"holds \.hidden, but no suite\.json"):
+        KIND.is_new(tmp_path)

@@ -89,6 +89,54 @@ def begun(path: Path, **options: Any) -> Path:
     return draft_folder(path)
 
 
+REPLACES = """
+import os, sys
+from pathlib import Path
+from tests.datasets.episodes import ABOUT
+from tests.datasets.test_draft import FLIGHTS
+from thalweg.datasets.recordings import add_flight, recording
+
+done, replace = 0, os.replace
+
+def replace_or_die(old, new):
+    global done
+    if sys.argv[2] in (str(done), Path(new).name):
+        os._exit(9)
+    done += 1
+    replace(old, new)
+
+os.replace = replace_or_die
+with recording(Path(sys.argv[1]), "lerobot", ABOUT) as writer:
+    for episode in FLIGHTS[writer.finished:]:
+        add_flight(writer, episode)
+"""
+
+
+def record(path: Path, dies_at: object = None) -> int:
+    """Record all flights in a process that ends at the replacing of a file, by number or name; returns its status."""
+    return subprocess.run([sys.executable, "-c", REPLACES, str(path), str(dies_at)], cwd=ROOT).returncode
+
+
+def test_a_recording_that_is_killed_while_it_notes_a_flight_resumes(tmp_path: Path):
+    path = tmp_path / "flights"
+    assert record(path, dies_at="000001.json") == 9
+    (left,) = (draft_folder(path) / "journal").glob(".000001.*.part.json")
+    assert left.read_text()
+    assert len(finished_flights(path)) == 1
+    assert record(path) == 0
+    assert_holds_all(path, video=False)
+
+
+@pytest.mark.slow
+def test_a_recording_that_is_killed_at_any_replacing_of_a_file_resumes(tmp_path: Path):
+    number = 0
+    while record(tmp_path / str(number) / "flights", dies_at=number) == 9:
+        assert record(tmp_path / str(number) / "flights") == 0, number
+        assert_holds_all(tmp_path / str(number) / "flights", video=False)
+        number += 1
+    assert number >= 5  # the record, a note of each flight, and the name
+
+
 @pytest.mark.parametrize("content", [b"", b'{"about": ', b"[]", b"\xff\xfe"])
 @pytest.mark.parametrize("name", ["recording.json", "journal/000000.json"])
 def test_a_damaged_file_of_a_draft_is_named_with_what_to_do(name: str, content: bytes, tmp_path: Path):

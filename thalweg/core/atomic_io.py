@@ -7,9 +7,10 @@ which are folders; like these files, they name themselves in the errors of a ful
 import errno
 import io
 import os
+import re
 import secrets
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,8 @@ PAUSES_S = (0.05,) * 40
 """Pauses between attempts to replace a file on Windows, in seconds."""
 DISK_ERRORS = {errno.ENOSPC, errno.EFBIG, errno.EIO, getattr(errno, "EDQUOT", errno.ENOSPC)}
 """Numbers of the system's errors about a disk that takes no more: no space left, too large, broken, or over a quota."""
+TEMPORARY = re.compile(r"\..*\.[0-9a-f]{16}\.part(\.[^.]*)?", re.DOTALL)
+"""Names of the temporary files of `atomic_path`."""
 
 
 def is_disk_error(error: BaseException) -> bool:
@@ -63,6 +66,16 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
             _replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def is_temporary(path: str | Path) -> bool:
+    """Return whether a path has the name of a temporary file of `atomic_path`, which a killed process may leave."""
+    return TEMPORARY.fullmatch(Path(path).name) is not None
+
+
+def without_temporaries(paths: Iterable[Path]) -> list[Path]:
+    """Return the paths, sorted, except for temporary files, which `Path.glob` also finds."""
+    return sorted(path for path in paths if not is_temporary(path))
 
 
 def _replace(temporary: Path, path: Path) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from thalweg.core.atomic_io import write_atomic
+from thalweg.core.atomic_io import without_temporaries, write_atomic
 from thalweg.core.notices import notice
 
 MAX_NAMED = 4
@@ -43,15 +43,16 @@ class FolderKind:
     def is_new(self, folder: Path) -> bool:
         """Return whether a new owner can start in the folder: it does not exist yet, or is empty.
 
-        Raises the kind's error for a path that is not a folder, and for a folder with other files but no record.
+        What a command that was killed in its first write left, a temporary file, does not count. Raises the kind's
+        error for a path that is not a folder, and for a folder with other files but no record.
         """
         if (folder / self.record).exists():
             return False
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if not existing.is_dir():
             raise self.error(f"{existing} is not a folder; give a new folder for the {self.owner}")
-        found = (path.name for path in folder.glob("[!.]*" if self.ignores_hidden else "*"))
-        names = sorted(name for name in found if name != LOCK)
+        found = without_temporaries(folder.glob("[!.]*" if self.ignores_hidden else "*"))
+        names = [path.name for path in found if path.name != LOCK]
         if names:
             raise self.error(
                 f"{folder} holds {', '.join(names[:MAX_NAMED])}{_more(names, ' and {} more')}, but no {self.record}:"

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from thalweg.core.atomic_io import ON_WINDOWS, disk_errors_name, write_atomic
+from thalweg.core.atomic_io import ON_WINDOWS, disk_errors_name, without_temporaries, write_atomic
 from thalweg.core.plugins.source import text_hash
 from thalweg.core.run_folder import LOCK, FolderKind, differences
 from thalweg.datasets.errors import DatasetError
@@ -55,7 +55,7 @@ def finished_flights(path: Path) -> list[dict[str, Any]]:
     Raises `DatasetError` for a damaged note.
     """
     journal = draft_folder(path) / JOURNAL
-    notes = [(file, _read(file)) for file in sorted(journal.glob("*.json"))]
+    notes = [(file, _read(file)) for file in without_temporaries(journal.glob("*.json"))]
     for file, note in notes:
         flight = note.get(FLIGHT)
         if not isinstance(flight, dict) or text_hash(json.dumps(flight)) != note.get(CONTENT):
@@ -117,10 +117,17 @@ def _take_name(folder: Path, path: Path) -> None:
 
 
 def _begin(folder: Path, about: dict[str, Any]) -> None:
-    """Write the record of a new draft; check that an interrupted one is the same, and remove its unfinished files."""
+    """Write the record of a new draft, or check that an interrupted one is the same; remove unfinished files."""
     if RECORDING.is_new(folder):
         RECORDING.write_json(folder, about)
-        return
+    else:
+        _require_same(folder, about)
+    for unfinished in folder.rglob(".*.part*"):
+        unfinished.unlink(missing_ok=True)
+
+
+def _require_same(folder: Path, about: dict[str, Any]) -> None:
+    """Raise `DatasetError` unless the draft of an interrupted recording is of the same recording."""
     recorded = _read(folder / RECORDING.record)
     before = recorded.get("files")
     for what, now in about.get("files", {}).items():
@@ -132,8 +139,6 @@ def _begin(folder: Path, about: dict[str, Any]) -> None:
             f"{folder} has flights of an interrupted recording with other options: {'; '.join(found[:MAX_NAMED])}."
             " Give those options to resume it, remove that folder, or name another one for the recordings"
         )
-    for unfinished in folder.rglob(".*.part*"):
-        unfinished.unlink(missing_ok=True)
 
 
 def _read(file: Path) -> dict[str, Any]:

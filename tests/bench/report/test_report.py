@@ -327,6 +327,11 @@ def test_a_file_that_cannot_be_used_is_skipped_by_name(tiny_results: Path, spoil
     assert f"Not used: {said}" in write_report(tiny_results).page.read_text()
 
 
+def test_what_a_killed_process_was_writing_is_no_result(tiny_results: Path):
+    (tiny_results / "evaluation" / ".PPO-0-Easy.0123456789abcdef.part.csv").write_text("half")
+    assert read_results(tiny_results).skipped == []
+
+
 def test_a_folder_without_results_is_named_once_with_what_would_be_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     for folder in (Path(), tmp_path):

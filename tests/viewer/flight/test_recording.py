@@ -62,6 +62,12 @@ def test_each_flight_has_a_name_of_its_own_and_a_row_if_it_ended(fly: Fly, tmp_p
     assert folder.read(names[0]).actions.shape == (2, 4)
 
 
+def test_what_a_killed_server_was_writing_is_no_flight(fly: Fly, tmp_path: Path):
+    name = Folder(tmp_path).save(pilot_flight(fly(seed=1), 2))
+    (tmp_path / f".{name}.0123456789abcdef.part.npz").write_bytes(b"half")
+    assert Folder(tmp_path).names() == [name]
+
+
 def test_tasks_and_vehicles_have_tables_of_their_own(fly: Fly, tmp_path: Path):
     flight = fly(task="Swimmers", seed=1)
     while not flight.ended:

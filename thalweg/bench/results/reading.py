@@ -50,6 +50,7 @@ from thalweg.bench.suite.record import (
     task_of,
     training_steps,
 )
+from thalweg.core.atomic_io import without_temporaries
 
 Value = TypeVar("Value")
 
@@ -302,7 +303,7 @@ class _Reader:
 
     def episodes(self, folder: Path, skip: Sequence[str] = ()) -> list[Episode]:
         """The episodes of all files in a folder, except for folders in it named in `skip`."""
-        paths = [path for path in sorted(folder.glob("*")) if path.name not in skip]
+        paths = [path for path in without_temporaries(folder.glob("*")) if path.name not in skip]
         return [row for path in paths for row in self.attempt(path, lambda path=path: _read_evaluation(path), [])]
 
     def training(self, folder: Path, rows: Sequence[RunRow], suite: Mapping[str, Any]) -> list[TrainingLog]:

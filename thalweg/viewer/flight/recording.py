@@ -15,7 +15,7 @@ import numpy as np
 
 from thalweg.bench.evaluate.episodes import ALL_REASONS, Episode, flown_of_ahead, read_episodes, write_episodes
 from thalweg.core import versions
-from thalweg.core.atomic_io import atomic_path
+from thalweg.core.atomic_io import atomic_path, without_temporaries
 from thalweg.core.config import parse_config
 from thalweg.env.task.course_arrays import fingerprint
 from thalweg.viewer.errors import ViewerError
@@ -234,7 +234,7 @@ class Folder:
 
     def names(self) -> list[str]:
         """Return the names of the flights in the folder, the newest first."""
-        files = [file for file in self.path.glob(f"*{ENDING}") if file.is_file()]
+        files = [file for file in without_temporaries(self.path.glob(f"*{ENDING}")) if file.is_file()]
         return [file.stem for file in sorted(files, key=lambda file: (-file.stat().st_mtime, file.name))]
 
     def read(self, name: str) -> Recording:

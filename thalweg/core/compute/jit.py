@@ -16,6 +16,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,7 @@ from numba.core.runtime.nrt import rtsys
 
 from thalweg.core.cache import PACKAGE, cache_dir, code_hash, keep_in_use
 from thalweg.core.compute.kernel_compiler import Kernel, WholeCompiler, config, preferred_vector_bits
+from thalweg.core.compute.kernel_file import KernelFile
 
 IMPORT = re.compile(r"^ *(?:from|import) (thalweg[.\w]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
 USES_KERNELS = re.compile(r"^from thalweg\.core\.compute\.jit import", re.MULTILINE)
@@ -65,7 +67,10 @@ def kernel(
         dispatcher: Any = Kernel(python_function, targetoptions=OPTIONS | options, pipeline_class=WholeCompiler)
         dispatcher.set_flags(disjoint, allocates)
         if kernel_cache_dir() is not None:
-            dispatcher._cache = _Cache(dispatcher.py_func)
+            try:
+                dispatcher._cache = _Cache(dispatcher.py_func)
+            except OSError as error:  # its folder cannot be made
+                _warn_not_stored(kernel_cache_dir(), error.strerror)
         return dispatcher
 
     return compile_lazily(function) if function is not None else compile_lazily
@@ -84,12 +89,16 @@ def kernel_cache_dir() -> Path | None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        warnings.warn(
-            f"compiled kernels can't be stored in {folder} ({error}): every start will compile them", stacklevel=2
-        )
+        _warn_not_stored(folder, str(error))
         return None
     keep_in_use(folder, "*")
     return folder
+
+
+@cache
+def _warn_not_stored(folder: Path | None, why: str) -> None:
+    """Warn, once for each reason, that kernels are compiled at every start."""
+    warnings.warn(f"compiled kernels can't be stored in {folder} ({why}): every start will compile them", stacklevel=3)
 
 
 def machine_hash() -> str:
@@ -160,11 +169,24 @@ class _CacheImpl(caching.CompileResultCacheImpl):
 class _Cache(caching.FunctionCache):
     _impl_class = _CacheImpl
 
+    def __init__(self, py_func: Callable[..., Any]) -> None:
+        super().__init__(py_func)
+        locator = self._impl.locator
+        self._cache_file = KernelFile(self._cache_path, self._impl.filename_base, locator.get_source_stamp())
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return a stored kernel, or None, without what only compilation needs.
 
         Numba would first import and install all that it knows of Python's and NumPy's functions.
         """
         rtsys.initialize(target_context)
-        with self._guard_against_spurious_io_errors():
+        with suppress(OSError):  # such as a folder that may not be read
             return self._load_overload(sig, target_context)
+        return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store a compiled kernel; where that fails, as on a full disk, a warning says so once."""
+        try:
+            self._save_overload(sig, data)
+        except OSError as error:
+            _warn_not_stored(kernel_cache_dir(), error.strerror)

@@ -4,6 +4,7 @@ import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -123,3 +124,44 @@ def test_several_may_remove_the_same_folders_at_once(tmp_path: Path):
 def test_a_cache_that_is_not_there_is_left_alone(tmp_path: Path):
     cache.keep_in_use(tmp_path / "none" / "own", "*")
     assert names(tmp_path) == []
+
+
+@pytest.mark.parametrize("trim", ["keep_in_use", "keep_most_recent", "code_hash"])
+def test_temporary_files_of_killed_processes_are_removed_after_a_day(tmp_path: Path, trim: str):
+    folder = tmp_path / "cache" / "code"
+    folder.mkdir(parents=True)
+    unused(folder / ".atlas.0123456789abcdef.part.npz", 2)
+    unused(folder / ".other.0123456789abcdef.part", 0.5)
+    if trim == "keep_in_use":
+        cache.keep_in_use(unused(folder / "atlas.npz", 0), "atlas*.npz")
+    elif trim == "keep_most_recent":
+        cache.keep_most_recent(folder, 1_000_000)
+    else:
+        hash_of(tmp_path / "a", CODE)
+    assert [name for name in names(folder) if ".part" in name] == [".other.0123456789abcdef.part"]
+
+
+def test_a_file_that_is_being_written_makes_no_room(tmp_path: Path):
+    unused(tmp_path / ".river.0123456789abcdef.part.npz", 0)
+    unused(tmp_path / "old.npz", 1)
+    cache.keep_most_recent(tmp_path, 1)
+    assert names(tmp_path) == [".river.0123456789abcdef.part.npz"]
+
+
+def test_in_a_folder_that_may_not_be_entered_nothing_is_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "river.npz").touch()
+    assert cache.is_stored(tmp_path / "river.npz")
+    refuse(tmp_path, monkeypatch)
+    assert not cache.is_stored(tmp_path / "river.npz")
+
+
+def refuse(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Refuse all looks at the files below a folder, which root would be allowed."""
+    stat = os.stat
+
+    def refused(path: Any, *args: Any, **options: Any) -> os.stat_result:
+        if isinstance(path, str | Path) and folder in Path(path).parents:
+            raise PermissionError(13, "Permission denied", str(path))
+        return stat(path, *args, **options)
+
+    monkeypatch.setattr(os, "stat", refused)

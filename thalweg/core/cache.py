@@ -14,11 +14,13 @@ from pathlib import Path
 
 import platformdirs
 
-from thalweg.core.atomic_io import write_atomic
+from thalweg.core.atomic_io import without_temporaries, write_atomic
 
 PACKAGE = Path(__file__).resolve().parent.parent
 UNUSED_DAYS = 30
 """Days without use after which files in the cache are removed."""
+TEMPORARY_FILE_AGE_S = 86400.0
+"""Age after which a temporary file is taken to be left by a killed process."""
 
 
 def cache_dir() -> Path:
@@ -39,13 +41,33 @@ def code_hash(files: Iterable[Path]) -> str:
     result = _digest(*(ast.dump(_without_docstrings(ast.parse(content))).encode() for content in contents))
     with contextlib.suppress(OSError):
         write_atomic(stored, result)
+    remove_leftovers(stored.parent)
     return result
+
+
+def is_stored(path: Path) -> bool:
+    """Return whether a file is in the cache; in a folder that may not be entered there is none."""
+    return os.path.isfile(path)  # `Path.is_file` raises
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove the temporary files of killed processes from a folder of the cache.
+
+    Files that another process removes or holds at the same time are skipped.
+    """
+    newest = time.time() - TEMPORARY_FILE_AGE_S
+    with contextlib.suppress(OSError):
+        for temporary in folder.glob(".*.part*"):
+            with contextlib.suppress(OSError):
+                if temporary.stat().st_mtime < newest:
+                    temporary.unlink(missing_ok=True)
 
 
 def keep_in_use(entry: Path, pattern: str) -> None:
     """Mark a file or folder of the cache as used, and remove those beside it that were not for `UNUSED_DAYS`.
 
-    pattern: matches the names of what may be removed. Files that another process removes at the same time are skipped.
+    pattern: matches the names of what may be removed; old temporary files go too. Files that another process removes
+        at the same time are skipped.
     """
     oldest = time.time() - UNUSED_DAYS * 86400
     with contextlib.suppress(OSError):
@@ -54,6 +76,7 @@ def keep_in_use(entry: Path, pattern: str) -> None:
             with contextlib.suppress(OSError):
                 if other.stat().st_mtime < oldest:
                     _remove(other)
+        remove_leftovers(entry.parent)
 
 
 def _remove(path: Path) -> None:
@@ -95,12 +118,13 @@ def _is_string_statement(node: ast.AST) -> bool:
 
 
 def keep_most_recent(folder: Path, most_bytes: int) -> None:
-    """Remove the least recently used `.npz` files of a folder beyond a size in bytes.
+    """Remove the least recently used `.npz` files of a folder beyond a size in bytes, and old temporary files.
 
     Files that another process removes at the same time are skipped.
     """
+    remove_leftovers(folder)
     found = []
-    for file in folder.glob("*.npz"):
+    for file in without_temporaries(folder.glob("*.npz")):
         with contextlib.suppress(OSError):
             status = file.stat()
             found.append((status.st_mtime, status.st_size, file))

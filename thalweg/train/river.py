@@ -12,6 +12,7 @@ from typing import Any, Literal, Unpack, cast, get_args
 from thalweg.algos.policy.policy import OptionCopy
 from thalweg.algos.registry import algorithm_named
 from thalweg.core import versions
+from thalweg.core.cache import is_stored
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.compute.torch_threads import default_torch_threads
 from thalweg.core.notices import notice
@@ -67,7 +68,7 @@ def load_compatible_encoder(path: str | Path | None = None, device: str = "cpu")
 
 def announce_build(level: Level | Reach, seed: int) -> None:
     """Print a line if the river of a level or a file and a seed is not cached."""
-    if not (level.is_cached(seed) if isinstance(level, Reach) else cache_path(level, seed).is_file()):
+    if not (level.is_cached(seed) if isinstance(level, Reach) else is_stored(cache_path(level, seed))):
         print_once(f"building the river {level.name}, seed {seed}: a few seconds")
 
 

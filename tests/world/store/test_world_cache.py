@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.core.test_cache import refuse
 from tests.world.lines import circle, course
 from tests.world.store.test_npz import assert_same
 from thalweg.core.cache import PACKAGE
@@ -77,6 +78,12 @@ def test_an_unwritable_cache_still_gives_the_world(worlds):
     worlds.parent.mkdir(exist_ok=True)
     worlds.write_text("a file where the folder should be")
     assert_same(load_or_build("Easy", 3), small(3))
+
+
+def test_a_cache_that_may_not_be_entered_still_gives_the_world(worlds, monkeypatch):
+    first = load_or_build("Easy", 3)
+    refuse(worlds, monkeypatch)
+    assert_same(load_or_build("Easy", 3), first)
 
 
 def test_levels_and_seeds_have_their_own_files(worlds):

@@ -16,6 +16,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from thalweg.core.cache import is_stored
 from thalweg.world import Level, World, WorldError, load_or_build
 from thalweg.world.store.world_cache import cache_path
 
@@ -30,7 +31,7 @@ class BackgroundBuilder:
 
     def __init__(self, entries: Iterable[Any]) -> None:
         """`entries` are those of a `RiverList`. Starts no process if all rivers are built already."""
-        missing = [entry for entry in entries if not isinstance(entry, World) and not cache_path(*entry).is_file()]
+        missing = [entry for entry in entries if not isinstance(entry, World) and not is_stored(cache_path(*entry))]
         self.missing = len(missing)
         """Number of rivers that were not built at the start."""
         self._process: subprocess.Popen[str] | None = None
@@ -56,12 +57,12 @@ class BackgroundBuilder:
 
     def wait(self, entry: Any) -> None:
         """Return when a river is in the cache folder, or it is clear that it must be built here."""
-        if self._process is None or isinstance(entry, World) or cache_path(*entry).is_file():
+        if self._process is None or isinstance(entry, World) or is_stored(cache_path(*entry)):
             return
         self._ask(entry[0], [entry[1]], urgent=True)
         until = time.monotonic() + LONGEST_S
         while (process := self._process) is not None and process.poll() is None and time.monotonic() < until:
-            if cache_path(*entry).is_file():
+            if is_stored(cache_path(*entry)):
                 return
             time.sleep(POLL_S)
 
@@ -95,11 +96,11 @@ def main() -> None:
         with news:
             news.wait_for(lambda: len(queue) > 0)
             level, seed = queue.popleft()
-        if cache_path(level, seed).is_file():
+        if is_stored(cache_path(level, seed)):
             continue
         with contextlib.suppress(WorldError):  # who needs the river will see the error
             load_or_build(level, seed)
-        if not cache_path(level, seed).is_file():
+        if not is_stored(cache_path(level, seed)):
             sys.exit(1)  # nobody must wait for a file that does not come
 
 

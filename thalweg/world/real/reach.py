@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from thalweg.core.cache import is_stored
 from thalweg.world.errors import WorldFileError
 from thalweg.world.real.file_river import from_file, plan_file
 from thalweg.world.real.selection import Selection
@@ -41,7 +42,7 @@ class Reach(Selection):
 
     def is_cached(self, seed: int = 0) -> bool:
         """Return whether the world was built before; False if there is no such file."""
-        return self.path.is_file() and self._cache_path(seed).is_file()
+        return self.path.is_file() and is_stored(self._cache_path(seed))
 
     def check(self) -> None:
         """Raise what `build` raises for the file or a field, without building the world."""

@@ -13,7 +13,7 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-from thalweg.core.cache import PACKAGE, cache_dir, code_hash, keep_most_recent
+from thalweg.core.cache import PACKAGE, cache_dir, code_hash, is_stored, keep_most_recent, remove_leftovers
 from thalweg.core.compute.kernel_compiler import preferred_vector_bits
 from thalweg.world.banks import text_of
 from thalweg.world.errors import WorldFileError
@@ -42,8 +42,6 @@ MOST_BYTES = 16_000_000_000
 """Size of the worlds of a version that are kept: some 1,000 rivers of Hard."""
 UNUSED_FOLDER_AGE_S = 14 * 86400.0
 """Age after which an unused folder of another version is removed."""
-TEMPORARY_FILE_AGE_S = 86400.0
-"""Age after which a temporary file is taken to be left by a killed process."""
 FOLDER = re.compile(r"[0-9a-f]{16}")
 """Names of the folders of versions; anything else is left alone."""
 
@@ -63,7 +61,7 @@ def load_or_make(path: Path, make: Callable[[], World]) -> World:
     A file that cannot be read is replaced, not removed: what is wrong may be this process, which lacks memory. The
     least recently used files beyond `MOST_BYTES` of a version are removed.
     """
-    if path.is_file():
+    if is_stored(path):
         with contextlib.suppress(WorldFileError):
             world = World.load(path)
             with contextlib.suppress(OSError):
@@ -110,8 +108,6 @@ def remove_stale(worlds: Path, now_s: float) -> None:
             unused = folder.name != GENERATOR_HASH and now_s - folder.stat().st_mtime > UNUSED_FOLDER_AGE_S
             for file in folder.glob("*.npz") if unused else ():
                 file.unlink(missing_ok=True)
-            for temporary in folder.glob(".*.part*"):
-                if now_s - temporary.stat().st_mtime > TEMPORARY_FILE_AGE_S:
-                    temporary.unlink(missing_ok=True)
+            remove_leftovers(folder)
             if unused:
                 folder.rmdir()

@@ -38,6 +38,7 @@ from thalweg.bench.suite.arms import (
     without,
 )
 from thalweg.bench.suite.flown import Flown, Function, SavedPolicy, flown
+from thalweg.bench.suite.names import refuse_long_names
 from thalweg.bench.suite.policy_files import PolicyFile
 from thalweg.bench.suite.views import TrainingViews
 from thalweg.core.config import TupleOf, frozen_config, refuse_unknown, to_plain
@@ -132,6 +133,7 @@ class Suite:
             self._check_actions()
             self._check_views()
             self._check_saved()
+            self._check_names()
         except ValueError as error:
             raise ValueError(f"suite {self.name}: {error}") from error
         if not self.runs() or not self.test_levels:
@@ -241,6 +243,11 @@ class Suite:
                 check_policy_fits(file.policy, encoder, task=rules.task, action=rules.action, dynamics=rules.dynamics)
             except TrainingError as error:
                 raise ValueError(f"{file.given}: {error}") from error
+
+    def _check_names(self) -> None:
+        """Raise `ValueError` for names that are too long for the files of the results."""
+        flown = [(run, [trial.level for trial in self.trials(run)]) for run in self.runs()]
+        refuse_long_names(flown, [condition.name for condition in self.conditions])
 
     def _check_repeated(self) -> None:
         """Raise `ValueError` for anything that is named twice: its results would count twice.

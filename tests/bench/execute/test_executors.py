@@ -13,7 +13,7 @@ from rich.console import Console
 
 from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.execute.executors import LOGS, ExecutionContext, ProcessPoolExecutor, run_row
+from thalweg.bench.execute.executors import LOGS, ExecutionContext, ProcessPoolExecutor, SerialExecutor, run_row
 from thalweg.bench.execute.runner import run_suite, selected_runs
 from thalweg.bench.results.results import read_runs
 from thalweg.bench.suite.arms import Run
@@ -60,6 +60,52 @@ def test_the_row_of_a_run_counts_all_stages_of_its_training(tmp_path: Path):
     row = run_row(run, context, "")
     assert (row.status, row.steps, row.wall_s, row.steps_per_s) == ("finished", 200, 50.0, 4.0)
     assert run_row(Run("train", "PPO", 0), context, "broken").steps_per_s == 0.0
+
+
+def spoil_status(folder: Path, run: str) -> Path:
+    """Write half a status into the folder of a run that has no row yet; returns its path."""
+    (folder / "runs.csv").unlink(missing_ok=True)
+    (path := folder / "runs" / run / "status.json").parent.mkdir(parents=True, exist_ok=True)
+    path.write_text('{"state": "runn')
+    return path
+
+
+@pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_damaged_status_is_a_failed_run_and_the_others_continue(jobs: int, tmp_path: Path):
+    run_suite(SUITE, tmp_path, SmallBackend(), only=("PPO-0",))
+    path = spoil_status(tmp_path, "PPO-0")
+    executor = SerialExecutor() if jobs == 1 else ProcessPoolExecutor(jobs)
+    outcome = run_suite(SUITE, tmp_path, SmallBackend(), executor=executor)
+    (row,) = outcome.failed
+    assert row.run == "PPO-0" and row.error.startswith(f"TrainingError: {path} is not the status of a run: ")
+    assert [row.status for row in outcome.runs].count("finished") == 4
+    path.unlink()
+    assert run_suite(SUITE, tmp_path, SmallBackend()).failed == []
+
+
+def test_a_process_that_died_is_a_failed_run_also_with_a_damaged_status(tmp_path: Path):
+    spoil_status(tmp_path, "PPO-0")
+    context = ExecutionContext(SUITE, tmp_path, SmallBackend(), Console())
+    row = run_row(Run("train", "PPO", 0), context, "the process that did it ended with 9")
+    assert (row.status, row.error, row.steps) == ("failed", "the process that did it ended with 9", 0)
+
+
+def test_the_row_of_a_run_without_a_number_in_its_status_has_none(tmp_path: Path):
+    (tmp_path / "runs" / "PPO-0").mkdir(parents=True)
+    (tmp_path / "runs" / "PPO-0" / "status.json").write_text('{"state": "failed", "steps": null, "seconds": null}')
+    row = run_row(Run("train", "PPO", 0), ExecutionContext(SUITE, tmp_path, SmallBackend(), Console()), "broken")
+    assert (row.steps, row.wall_s, row.steps_per_s) == (0, 0.0, 0.0)
+
+
+def test_a_run_that_was_killed_between_its_policy_and_its_status_is_trained_to_its_end(tmp_path: Path):
+    """Without a status, as of functions that train, the policy says enough."""
+    run_suite(SUITE, tmp_path, SmallBackend())
+    (tmp_path / "runs.csv").unlink()
+    (tmp_path / "runs" / "PPO-0" / "status.json").write_text('{"state": "running"}')
+    (tmp_path / "runs" / "PPO-1" / "status.json").write_text('{"state": "interrupted"}')
+    again = SmallBackend()
+    assert run_suite(SUITE, tmp_path, again, only=("PPO", "FOCOPS")).failed == []
+    assert again.calls == ["train PPO-0", "train PPO-1"]
 
 
 @pytest.mark.slow

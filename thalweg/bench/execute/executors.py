@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from rich.console import Console
 
@@ -31,6 +31,7 @@ from thalweg.core import versions
 from thalweg.core.atomic_io import disk_errors_name, is_disk_error, write_atomic
 from thalweg.core.machine import usable_cores
 from thalweg.core.parent_process import end_with_parent
+from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import POLICY, read_status
 
 LOGS, LOG_WIDTH = "logs", 120
@@ -172,7 +173,7 @@ def execute_run(run: Run, context: ExecutionContext) -> RunRow:
     try:
         (run_folder / "error.txt").unlink(missing_ok=True)
         require_unchanged(context.suite, context.folder)
-        if run.kind == "train" and not (run_folder / POLICY).exists():
+        if run.kind == "train" and not _is_trained(run_folder):
             plan = ", then ".join(f"{steps:,} steps on {level}" for steps, level in _stages(run, context.suite))
             console.print(f"{run.name}: train {plan}", highlight=False)
             context.backend.train(run, run_folder)
@@ -187,6 +188,14 @@ def execute_run(run: Run, context: ExecutionContext) -> RunRow:
     return run_row(run, context, error)
 
 
+def _is_trained(run_folder: Path) -> bool:
+    """Return whether nothing is left to train: there is a policy, and no status says that more was to come.
+
+    A process that is killed after it wrote the policy leaves a status of a run that is running.
+    """
+    return (run_folder / POLICY).exists() and read_status(run_folder).get("state", "finished") == "finished"
+
+
 def _stages(run: Run, suite: Suite) -> list[tuple[int, str]]:
     """Return the steps and level of each stage of training, in order."""
     arm = suite.arm(run.algorithm)
@@ -194,11 +203,17 @@ def _stages(run: Run, suite: Suite) -> list[tuple[int, str]]:
 
 
 def run_row(run: Run, context: ExecutionContext, error: str) -> RunRow:
-    """Return the row of a run that ended, with what the folders of its stages say; failed if `error` is not empty."""
-    folder = context.folder / "runs" / run.name
-    records = [read_status(each) for each in (folder, *(folder / STAGES).glob("[0-9]*"))]
-    steps = sum(int(record.get("steps", 0)) for record in records)
-    seconds = sum(float(record.get("seconds", 0.0)) for record in records)
+    """Return the row of a run that ended, with what the folders of its stages say; failed if `error` is not empty, or
+    if a status cannot be read."""
+    folder, records = context.folder / "runs" / run.name, list[dict[str, Any]]()
+    try:
+        records = [read_status(each) for each in (folder, *(folder / STAGES).glob("[0-9]*"))]
+    except (TrainingError, OSError) as failure:
+        if is_disk_error(failure):
+            raise
+        error = error or f"{type(failure).__name__}: {failure}"
+    steps = sum(int(record.get("steps") or 0) for record in records)
+    seconds = sum(float(record.get("seconds") or 0.0) for record in records)
     row = RunRow(run.name, run.kind, run.algorithm, run.seed, steps, "finished", "", seconds, 0.0)
     rate = steps / seconds if seconds > 0 else 0.0
     return replace(row, status="failed" if error else "finished", error=error, steps_per_s=rate)

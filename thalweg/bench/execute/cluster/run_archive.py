@@ -15,6 +15,7 @@ from thalweg.bench.execute.backend import STAGES
 from thalweg.bench.execute.executors import LOGS
 from thalweg.bench.results.results import evaluation_path
 from thalweg.core.atomic_io import write_atomic
+from thalweg.train.errors import TrainingError
 from thalweg.train.folder.checkpoint import FOLDER as CHECKPOINTS
 from thalweg.train.folder.run_record import POLICY, STATUS, read_status
 
@@ -64,8 +65,11 @@ def unpack(files: Files, folder: Path, run: str) -> None:
 
 
 def _is_finished(stage: Path) -> bool:
-    """Whether a stage is trained to its end, so that no one resumes it."""
-    return read_status(stage).get("state") == "finished"
+    """Whether a stage is trained to its end, so that no one resumes it; not with a damaged status."""
+    try:
+        return read_status(stage).get("state") == "finished"
+    except TrainingError:  # whoever executes the run says so
+        return False
 
 
 def _newest_checkpoint(stage: Path) -> list[Path]:

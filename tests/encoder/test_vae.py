@@ -88,7 +88,7 @@ def test_loss_is_the_mean_square_and_the_weighted_kl():
     [
         ({"inputs": "depth"}, r"unknown inputs 'depth'; known: rgb, mask, rgb\+mask"),
         ({"architecture": "huge"}, "unknown architecture 'huge'; known: lean, paper"),
-        ({"latent": 0}, "latent must be a whole number above 0, got 0"),
+        ({"latent": 0}, "latent must be a whole number from 1 to 4096, got 0"),
         ({"size_px": 32}, "size_px: it must be a whole number from 33, or height and width, got 32"),
         ({"learning_rate": 0.0}, "learning_rate must be a finite number above 0, got 0.0"),
     ],

@@ -7,7 +7,7 @@ latent, T quantities.
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
 import torch
@@ -21,6 +21,7 @@ from thalweg.encoder.vae import (
     ARCHITECTURES,
     CHANNELS,
     LEAK,
+    CodeSize,
     EncoderInputError,
     check_architecture,
     encoder_layers,
@@ -38,13 +39,13 @@ class GeometryConfig:
     """Weight of each quantity in the loss; empty: all weigh the same."""
     inputs: str = "rgb+mask"
     """Channels that are encoded: "rgb", "mask" or "rgb+mask"."""
-    latent: PositiveInt = 32
+    latent: CodeSize = 32
     """Z, the number of dimensions of a code."""
     architecture: str = "lean"
     """Whose convolutions: "lean" (fast on a CPU) or "paper" (those of the paper)."""
     size_px: FrameSize = 128
     """Height and width of a frame: a number for a square, or both."""
-    hidden: PositiveInt = 256
+    hidden: Annotated[int, Field(ge=1, le=65536)] = 256
     """Size of the layer between the convolutions and the code."""
     huber: FinitePositive = 1.0
     """Error in standard deviations above which the loss of a quantity grows linearly (Huber 1964)."""

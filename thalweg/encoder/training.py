@@ -10,7 +10,7 @@ import hashlib
 import io
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,7 +77,7 @@ class TrainingResult:
 
 
 def train_encoder(
-    images: np.ndarray,
+    images: np.ndarray | Callable[[], np.ndarray],
     config: VAEConfig,
     folder: str | Path,
     *,
@@ -93,31 +93,34 @@ def train_encoder(
 ) -> TrainingResult:
     """Train on images uint8 [K, H, W, 4] and write `folder/encoder.safetensors`; resumes what was interrupted.
 
-    `held_out` images, drawn by `seed`, are only measured. `precision` is "float32", "bfloat16" or "auto": bfloat16
-    where the machine has instructions for it. `identity` describes the images: a folder of others is refused. Raises
-    `EncoderInputError` for images or settings that don't fit, and `EncoderFileError` when the folder holds another run
-    or a damaged checkpoint, or another process is at it.
+    `images` may be a function that returns them, which is called once the folder is held by this process, if drawing
+    them takes long. `held_out` images, drawn by `seed`, are only measured. `precision` is "float32", "bfloat16" or
+    "auto": bfloat16 where the machine has instructions for it. `identity` describes the images: a folder of others is
+    refused. Raises `EncoderInputError` for images or settings that don't fit, and `EncoderFileError` when the folder
+    holds another run or a damaged checkpoint, or another process is at it.
     """
-    check_images(images, config, held_out)
+    if isinstance(images, np.ndarray):
+        check_images(images, config, held_out)
     if epochs < 1 or batch < 3:  # parts of nearly equal size then have two images each, which batch norms need
         raise EncoderInputError(f"epochs must be at least 1 and batch at least 3, not {epochs} and {batch}")
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    run = {
-        "config": to_plain(config),
-        "epochs": epochs,
-        "batch": batch,
-        "seed": seed,
-        "held_out": held_out,
-        "images": len(images),
-        "images_hash": hashlib.sha256(np.ascontiguousarray(images).data).hexdigest()[:16],
-        "precision": resolve_precision(precision, device),
-        "encoder_version": versions.ENCODER,
-        **(identity or {}),
-    }
-    train_images, held_out_images = (images[part] for part in split_indices(len(images), held_out, seed))
+    folder, precision = Path(folder), resolve_precision(precision, device)
     keep_freed_memory()
     with ENCODER_FOLDER.locked(folder):
+        if not isinstance(images, np.ndarray):
+            check_images(images := images(), config, held_out)
+        run = {
+            "config": to_plain(config),
+            "epochs": epochs,
+            "batch": batch,
+            "seed": seed,
+            "held_out": held_out,
+            "images": len(images),
+            "images_hash": hashlib.sha256(np.ascontiguousarray(images).data).hexdigest()[:16],
+            "precision": precision,
+            "encoder_version": versions.ENCODER,
+            **(identity or {}),
+        }
+        train_images, held_out_images = (images[part] for part in split_indices(len(images), held_out, seed))
         state = _State(config, run, device)
         rows = state.resume(folder / CHECKPOINT)
         if progress:

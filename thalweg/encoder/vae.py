@@ -8,10 +8,10 @@ the KL and the sizes of `paper` as in Wang and Mahmoudian 2024.
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Annotated, Self
 
 import torch
-from pydantic import PositiveInt, model_validator
+from pydantic import Field, model_validator
 from torch import nn
 
 from thalweg.core.compute.torch_layers import uninitialised
@@ -47,6 +47,8 @@ ARCHITECTURES = {
         encoder=(32, 64, 128, 256, 512, 1024), decoder=(1024, 512, 256, 128, 64, 32), shuffled=False, last=2
     ),
 }
+CodeSize = Annotated[int, Field(ge=1, le=4096)]
+"""Number of dimensions of a code; the largest that was tried is 1024."""
 LEAK = 0.01
 """Slope of the leaky ReLU below zero: the usual value; the source names none."""
 
@@ -61,7 +63,7 @@ class VAEConfig:
 
     inputs: str = "rgb+mask"
     """Channels that are encoded: "rgb", "mask" or "rgb+mask"."""
-    latent: PositiveInt = 16
+    latent: CodeSize = 16
     """Z, the number of dimensions of a code."""
     architecture: str = "lean"
     """"lean" (fast on a CPU) or "paper" (the layers of the paper)."""

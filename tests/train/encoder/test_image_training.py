@@ -9,7 +9,7 @@ import pytest
 from thalweg.core import versions
 from thalweg.encoder import EncoderFileError, TrainingResult, VAEConfig
 from thalweg.encoder.files import read_tensors, write_tensors
-from thalweg.encoder.training import resolve_precision
+from thalweg.encoder.training import ENCODER_FOLDER, resolve_precision
 from thalweg.train.encoder import frames as frame_collection
 from thalweg.train.encoder.training import collect_and_train
 from thalweg.world import Reach
@@ -102,3 +102,26 @@ def test_a_training_of_another_version_is_not_resumed(
         del about["run"][name]
     write_tensors(checkpoint, tensors, about)
     assert train(tmp_path).already_finished and collected == [8]
+
+
+def test_a_folder_that_another_process_holds_is_refused_before_a_frame_is_rendered(
+    tmp_path: Path, collected: list[int]
+):
+    with ENCODER_FOLDER.locked(tmp_path), pytest.raises(EncoderFileError, match="another command is writing to"):
+        train(tmp_path)
+    assert collected == []
+
+
+def test_a_folder_that_cannot_be_made_is_refused_before_a_frame_is_rendered(tmp_path: Path, collected: list[int]):
+    (tmp_path / "file").touch()
+    with pytest.raises(NotADirectoryError):
+        train(tmp_path / "file" / "below")
+    with pytest.raises(EncoderFileError, match="file is not a folder"):
+        train(tmp_path / "file")
+    assert collected == []
+
+
+def test_the_size_of_a_code_has_a_limit():
+    assert VAEConfig(latent=4096).latent == 4096
+    with pytest.raises(ValueError, match="latent must be a whole number from 1 to 4096, got 1000000000"):
+        VAEConfig(latent=10**9)

@@ -23,6 +23,7 @@ from thalweg.render import Renderer
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
+from thalweg.train.folder.run_record import RUN_FOLDER
 from thalweg.train.imitation import flights, gate, imitate
 from thalweg.train.imitation.flights import redraw
 from thalweg.train.imitation.imitate import Imitation
@@ -233,6 +234,20 @@ def test_what_a_gate_refuses_can_be_corrected_in_the_same_folder(tmp_path: Path,
     assert not (tmp_path / "run" / "config.yaml").exists()
     monkeypatch.setattr(imitate, "check_teacher", lambda *_: None)
     assert imitation(tmp_path / "run", steps=8, seed=3).run().steps == 8
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_teacher_flies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def fly(*_: Any) -> None:
+        pytest.fail("the teacher flew")
+
+    monkeypatch.setattr(imitate, "check_teacher", fly)
+    (tmp_path / "file").touch()
+    with pytest.raises(TrainingError, match="file is not a folder"):
+        imitation(tmp_path / "file" / "run").run()
+    with RUN_FOLDER.locked(tmp_path / "held"), pytest.raises(TrainingError, match="another command is writing to"):
+        imitation(tmp_path / "held").run()
 
 
 def test_kinds_of_banks_are_known_by_their_version(tmp_path: Path):

@@ -4,6 +4,7 @@ Collecting frames takes minutes, so that all settings are checked before the fir
 """
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +41,8 @@ def collect_and_train(
 
     `world_seeds` are those of the rivers, by default the level's fixed one; see `collect_frames`. `drawing` is how the
     frames are drawn, of the size in `config`. `command` is stored in the encoder's file. Before a frame is rendered,
-    raises `EncoderInputError` for settings out of range, `EncoderFileError` for a folder of another training, and
-    `WorldError` for an unknown level.
+    raises `EncoderInputError` for settings out of range, `EncoderFileError` for a folder of another training or one
+    that another process is at, `OSError` for one that cannot be written, and `WorldError` for an unknown level.
     """
     _check_numbers(epochs, seed, images, held_out)
     if isinstance(level, Reach):
@@ -69,7 +70,8 @@ def collect_and_train(
     if (found := finished_training(folder, epochs)) is not None:
         return found
     check_folder(folder, ENCODER_FOLDER, {**run, "precision": resolve_precision("auto")})
-    frames = frame_collection.collect_frames(
+    collect = partial(
+        frame_collection.collect_frames,
         images + held_out,
         level=level,
         seed=seed,
@@ -80,7 +82,7 @@ def collect_and_train(
     )
     source = Source(name, seed, RENDER_VERSION, command, tuple(compact_seeds(seeds)))
     return train_encoder(
-        frames,
+        collect,  # once the folder is held
         config,
         folder,
         epochs=epochs,

@@ -96,6 +96,9 @@ class Imitation:
         new = (existing := read_config(self.folder)) is None
         if existing is not None:
             require_same(self.folder, existing["run"], identity)
+        if new:
+            with RUN_FOLDER.locked(self.folder):  # one that cannot be written is refused before the teacher flies
+                pass
         compilation.begin()
         rivers = self._rivers(grounds, seeds)
         env = RiverVectorEnv(rivers, self.num_envs, rules, device=str(device))

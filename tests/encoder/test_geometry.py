@@ -213,6 +213,16 @@ def test_resumed_training_equals_an_uninterrupted_one(tmp_path: Path, monkeypatc
     assert train("broken") == unbroken
 
 
+def test_the_row_that_a_killed_process_did_not_write_is_written_after_resuming(tmp_path: Path):
+    def train() -> str:
+        train_geometry(Synthetic(), CONFIG, tmp_path, epochs=2, progress=False)
+        return (tmp_path / "metrics.csv").read_text()
+
+    whole = train()
+    (tmp_path / "metrics.csv").write_text("".join(whole.splitlines(keepends=True)[:-1]))
+    assert train() == whole
+
+
 def test_the_folder_of_another_training_is_refused(tmp_path: Path):
     options = {"precision": "float32", "progress": False}
     train_geometry(Synthetic(), CONFIG, tmp_path, epochs=1, identity={"levels": ["Easy"]}, **options)

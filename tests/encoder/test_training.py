@@ -82,6 +82,15 @@ def test_a_finished_training_is_not_repeated(images, tmp_path, monkeypatch):
     assert train(images, tmp_path).path.read_bytes() == first
 
 
+def test_the_row_that_a_killed_process_did_not_write_is_written_after_resuming(images, tmp_path):
+    train(images, tmp_path)
+    whole = (tmp_path / "metrics.csv").read_text()
+    (tmp_path / "metrics.csv").write_text("".join(whole.splitlines(keepends=True)[:-1]))
+    (tmp_path / "encoder.safetensors").unlink()
+    train(images, tmp_path)
+    assert (tmp_path / "metrics.csv").read_text() == whole
+
+
 def test_every_epoch_and_seed_has_its_own_order():
     runs = [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1)]
     orders = {tuple(torch.randperm(50, generator=epoch_generator(*run)).tolist()) for run in runs}

@@ -25,7 +25,15 @@ from thalweg.encoder.encoder import Encoder
 from thalweg.encoder.files import EncoderFileError, save_geometry
 from thalweg.encoder.geometry import GeometryConfig, GeometryNetwork, Scale, geometry_loss
 from thalweg.encoder.reconstruction import check_images, to_batch
-from thalweg.encoder.training import epoch_generator, progress_bar, resolve_precision, say_resumed, write_rows
+from thalweg.encoder.training import (
+    METRICS,
+    epoch_generator,
+    progress_bar,
+    resolve_precision,
+    restore_rows,
+    say_resumed,
+    write_rows,
+)
 from thalweg.encoder.vae import EncoderInputError
 
 KIND, PREFIX = "geometry encoder training", "network."
@@ -92,6 +100,7 @@ def train_geometry(
     keep_freed_memory()
     state = _State(config, lessons.scale, run, device)
     rows = state.resume(folder / CHECKPOINT)
+    restore_rows(folder / METRICS, COLUMNS, rows)
     if progress:
         say_resumed(folder, len(rows), epochs)
     with progress_bar(progress) as bar:
@@ -101,7 +110,7 @@ def train_geometry(
             with torch_threads(1):
                 rows.append(state.epoch(lessons, epoch))
             state.save(folder / CHECKPOINT, rows)
-            write_rows(folder / "metrics.csv", COLUMNS, rows)
+            write_rows(folder / METRICS, COLUMNS, rows)
             score = rows[-1]["held_out_r2"]
             told = "" if score is None else f", R² held out {score:.3f}"
             bar.update(task, advance=1, note=f"{rows[-1]['images_per_s']:.0f} images/s{told}")

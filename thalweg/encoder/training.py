@@ -37,6 +37,8 @@ COLUMNS = ("epoch", "loss", "mse", "kl", "held_out_mse", "images_per_s")
 `held_out_mse` is as the encoder is used, on the images held out, and empty when there are none."""
 
 
+METRICS = "metrics.csv"
+"""Name of the table of all epochs."""
 PREFIX = "vae."
 """Prefix of the names of the model's tensors in a checkpoint."""
 ENCODER_FOLDER = FolderKind("encoder training", CHECKPOINT, EncoderFileError)
@@ -123,6 +125,7 @@ def train_encoder(
         train_images, held_out_images = (images[part] for part in split_indices(len(images), held_out, seed))
         state = _State(config, run, device)
         rows = state.resume(folder / CHECKPOINT)
+        restore_rows(folder / METRICS, COLUMNS, rows)
         if progress:
             say_resumed(folder, len(rows), epochs)
         _take_epochs(folder, state, train_images, held_out_images, rows, progress)
@@ -160,7 +163,7 @@ def _take_epochs(
             row["held_out_mse"] = reconstruction_mse(state.vae, held_out) if len(held_out) else None
             rows.append({**row, "images_per_s": round(speed, 1)})
             state.save(folder / CHECKPOINT, rows)
-            write_rows(folder / "metrics.csv", COLUMNS, rows)
+            write_rows(folder / METRICS, COLUMNS, rows)
             bar.update(task, advance=1, note=f"{speed:.0f} images/s, mse {row['mse']:.5f}, kl {row['kl']:.2f}")
 
 
@@ -231,6 +234,13 @@ def write_rows(path: Path, columns: Sequence[str], rows: list[Row]) -> None:
     writer.writerow(columns)
     writer.writerows([row[name] for name in columns] for row in rows)
     write_atomic(path, text.getvalue())
+
+
+def restore_rows(path: Path, columns: Sequence[str], rows: list[Row]) -> None:
+    """Write the rows of a checkpoint that is resumed, the last of which a process that was killed may not have written
+    as CSV; nothing without rows."""
+    if rows:
+        write_rows(path, columns, rows)
 
 
 def say_resumed(folder: Path, finished: int, epochs: int) -> None:

@@ -23,6 +23,14 @@ def training(folder: Path, epochs: int = 2, **changes: int) -> WaterTraining:
     return WaterTraining(folder, levels=("Easy",), epochs=epochs, **settings)
 
 
+def test_the_row_that_a_killed_process_did_not_write_is_written_after_resuming(tmp_path: Path, drawn: list[int]):
+    training(tmp_path).run(progress=False)
+    whole = (tmp_path / "metrics.csv").read_text()
+    (tmp_path / "metrics.csv").write_text("".join(whole.splitlines(keepends=True)[:-1]))
+    training(tmp_path).run(progress=False)
+    assert (tmp_path / "metrics.csv").read_text() == whole
+
+
 def test_varied_frames_keep_water_under_its_colours():
     frames = np.zeros((6, 32, 32, 4), np.uint8)
     frames[:, 16:, :, 2:] = 255  # blue where there is water

@@ -23,7 +23,7 @@ from thalweg.core.run_folder import CHECKPOINT, FolderKind
 from thalweg.core.seeds import compact_seeds
 from thalweg.encoder.checkpoint import Row, check_folder, resume_state, save_state, state_tensors
 from thalweg.encoder.files import EncoderFileError
-from thalweg.encoder.training import epoch_generator, progress_bar, say_resumed, write_rows
+from thalweg.encoder.training import METRICS, epoch_generator, progress_bar, restore_rows, say_resumed, write_rows
 from thalweg.encoder.vae import EncoderInputError
 from thalweg.encoder.water import SIDES, WaterSegmenter, colours_of, mean_iou, save_segmenter, water_in
 from thalweg.env.config import DEFAULT_CONFIG
@@ -94,6 +94,7 @@ class WaterTraining:
         """Take the epochs that are missing, and write the network once all are there."""
         state, path = _State(run), self.folder / FILE
         rows = state.resume(self.folder / CHECKPOINT)
+        restore_rows(self.folder / METRICS, COLUMNS, rows)
         finished = len(rows) == self.epochs and path.is_file()
         if len(rows) < self.epochs:
             self._learn(state, rows, progress)
@@ -139,7 +140,7 @@ class WaterTraining:
                 with torch_threads(threads):
                     rows.append(state.epoch(frames, held_out, epoch, self.epochs))
                 state.save(self.folder / CHECKPOINT, rows)
-                write_rows(self.folder / "metrics.csv", COLUMNS, rows)
+                write_rows(self.folder / METRICS, COLUMNS, rows)
                 bar.update(task, advance=1, note=f"IoU held out {rows[-1]['held_out_iou']:.3f}")
 
     def _iou_of(self, row: Row) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from thalweg.deploy.export import FORMAT
+from thalweg.deploy.onnx_policy import FORMAT
 from thalweg.env.spaces import moves_in_words
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "ros2_follow.py"

@@ -1,5 +1,6 @@
 """Tests of exported policies: ONNX Runtime acts as the policy does, and what cannot be faithful is refused."""
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +20,7 @@ from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.deploy import export
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.export import export_policy
-from thalweg.deploy.onnx_policy import OnnxPolicy, about_error
+from thalweg.deploy.onnx_policy import KEY, OnnxPolicy, about_error
 from thalweg.encoder import VAE, Encoder, VAEConfig, load_encoder, save_vae
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.render import RENDER_VERSION
@@ -222,14 +223,35 @@ def test_another_file_is_refused(content: bytes, tmp_path: Path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
+        ({"memory": 10**12}, "its memory is 1,000,000,000,000, but its network takes one of 8"),
+        ({"format": 4}, "its format is 4, not 3"),
+    ],
+)
+def test_a_file_with_another_description_is_refused(change: dict, words: str, tmp_path: Path):
+    path = tmp_path / "policy.onnx"
+    export_policy(policies.of_images("rgb", memory=8), path)
+    model = onnx.load(str(path))
+    (entry,) = (each for each in model.metadata_props if each.key == KEY)
+    entry.value = json.dumps(json.loads(entry.value) | change)
+    onnx.save(model, str(path))
+    with pytest.raises(ExportError, match=words):
+        OnnxPolicy.load(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
         ({"inputs": ["mask", "fresh"]}, "names the inputs .*, but its network takes"),
         ({"inputs": 3}, "names the inputs 3"),
         ({"memory": "long"}, "its memory is 'long', not a number"),
+        ({"memory": True}, "its memory is True, not a number"),
+        ({"format": 2}, "its format is 2, not 3: export the policy again"),
+        ({"format": None}, "its format is None, not 3"),
         ({"actions": [1]}, r"its actions are \[1\], not a mapping"),
     ],
 )
 def test_a_description_that_does_not_fit_the_network_is_refused(change: dict, words: str):
-    about = {"inputs": ["mask", "fresh", "last_action"], "memory": 0, "actions": {}}
+    about = {"format": 3, "inputs": ["mask", "fresh", "last_action"], "memory": 0, "actions": {}}
     assert about_error(about, ["mask", "last_action", "fresh"]) == ""
     assert re.search(words, about_error(about | change, ["mask", "last_action", "fresh"]))
     assert "lacks inputs" in about_error([about], [])

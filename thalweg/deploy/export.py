@@ -22,7 +22,7 @@ from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.core.machine import package_version
 from thalweg.deploy.errors import ExportError
 from thalweg.deploy.network import ExportedNetwork
-from thalweg.deploy.onnx_policy import KEY, OnnxPolicy
+from thalweg.deploy.onnx_policy import FORMAT, KEY, OnnxPolicy
 from thalweg.encoder import Encoder, PluginEncoder
 from thalweg.env.config import DEFAULT_CONFIG
 from thalweg.env.forces.options import ForceOptions
@@ -45,8 +45,6 @@ from thalweg.train.observations import (
 )
 from thalweg.train.river import load_compatible_encoder
 
-FORMAT = 3
-"""Version of the metadata of a file."""
 OUTPUTS = {
     "categorical": "logits of the options of all branches",
     "gaussian": "means, then logarithms of standard deviations",

@@ -11,6 +11,8 @@ from thalweg.deploy.errors import ExportError
 
 KEY = "thalweg"
 """Key of the JSON text in a file's metadata."""
+FORMAT = 3
+"""Version of the metadata of a file. Up to 2, moves had other names."""
 INPUTS = ("image", "mask", "proprioception", "memory", "last_action", "fresh")
 """Names of all inputs, see `thalweg.deploy.network.ExportedNetwork`."""
 NO_ACTION = -1
@@ -41,7 +43,8 @@ class OnnxPolicy:
             about = json.loads(session.get_modelmeta().custom_metadata_map[KEY])
         except Exception as error:  # ONNX Runtime raises classes of its own for each kind of damage
             raise ExportError(f"{path} is no policy that thalweg export wrote") from error
-        if wrong := about_error(about, [each.name for each in session.get_inputs()]):
+        taken = session.get_inputs()
+        if wrong := about_error(about, [each.name for each in taken]) or _memory_error(about, taken):
             raise ExportError(f"{path} is no policy that thalweg export wrote: {wrong}")
         return cls(session, about)
 
@@ -62,9 +65,20 @@ def about_error(about: Any, inputs: Sequence[str]) -> str:
     told = about["inputs"] if isinstance(about["inputs"], list) else []
     if sorted(map(str, told)) != sorted(inputs) or not {*inputs} <= {*INPUTS}:
         return f"its description names the inputs {about['inputs']!s:.60}, but its network takes {', '.join(inputs)}"
-    if not isinstance(about["memory"], int) or about["memory"] < 0:
+    if about.get("format") != FORMAT:
+        return f"its format is {about.get('format')!r:.40}, not {FORMAT}: export the policy again"
+    if type(about["memory"]) is not int or about["memory"] < 0:
         return f"its memory is {about['memory']!r:.40}, not a number"
     return "" if isinstance(about["actions"], dict) else f"its actions are {about['actions']!r:.40}, not a mapping"
+
+
+def _memory_error(about: dict[str, Any], taken: Sequence[Any]) -> str:
+    """Return what is wrong with the size of the memory in a description, whose network takes the inputs of a session;
+    empty for nothing."""
+    sizes = [each.shape[-1] for each in taken if each.name == "memory"]
+    if sizes and isinstance(sizes[0], int) and sizes[0] != about["memory"]:
+        return f"its memory is {about['memory']:,}, but its network takes one of {sizes[0]:,}"
+    return ""
 
 
 class OnnxPlayer:

@@ -58,7 +58,10 @@ def test_unseen_courses_are_other_rivers_of_the_level_with_one_start_each(monkey
 
     monkeypatch.setattr("thalweg.bench.evaluate.course.load_or_build", river)
     config = replace(CONFIG, episodes=3)
-    courses = Course.unseen("easy", config)
+    made = Course.unseen("easy", config)
+    assert next(made).world.seed == UNSEEN and built == [("Easy", UNSEEN)]  # the others when their turn comes
+    built.clear()
+    courses = list(Course.unseen("easy", config))
     assert built == [("Easy", UNSEEN + place) for place in range(3)]
     assert [course.starts.shape for course in courses] == [(1, 4)] * 3
     assert [course.indices.tolist() for course in courses] == [[0], [1], [2]]

@@ -29,12 +29,14 @@ from thalweg.bench.suite.arms import Arm, Run, Stage
 from thalweg.bench.suite.config import Suite
 from thalweg.core import versions
 from thalweg.core.plugins.record import RESERVED
+from thalweg.core.seeds import UNSEEN
 from thalweg.env import sample_starts
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import Camera
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import POLICY
 from thalweg.train.river import RiverTraining
+from thalweg.world import World
 
 SUITE = Suite(
     "tiny", (Arm("PPO", seeds=(0,), steps=512),), train_level="Easy", test_levels=("Easy",), episodes=4, packaged=False
@@ -55,14 +57,12 @@ def test_only_rivers_whose_frames_are_seen_have_land(tmp_path: Path, monkeypatch
     course = Course(ring, sample_starts(ring, 4, 0), np.zeros(4), np.arange(4))
     monkeypatch.setattr(Course, "of_level", classmethod(lambda *_, drawn: asked.append(drawn) or course))
     place = RiverBackend(SUITE)
-    monkeypatch.setattr(place, "observers", lambda *_: [lambda step: np.zeros((len(step.flying), 4), np.float32)])
+    monkeypatch.setattr(place, "observer", lambda *_: lambda step: np.zeros((len(step.flying), 4), np.float32))
     for policy in (BASELINES["hover"], BASELINES["pilot"], Policy(4, actions_of(MultiDiscrete([3, 3, 3, 3])))):
         monkeypatch.setattr(place, "policy", lambda *_, given=policy: given)
         place.evaluate(RUN, tmp_path, Trial("Easy"), lambda _: None)
     monkeypatch.setattr(place, "policy", lambda *_: image_policy("mask"))
-    monkeypatch.setattr(
-        place, "observers", lambda *_: [lambda step: np.zeros((len(step.flying), 128, 128, 1), np.uint8)]
-    )
+    monkeypatch.setattr(place, "observer", lambda *_: lambda step: np.zeros((len(step.flying), 128, 128, 1), np.uint8))
     place.evaluate(RUN, tmp_path, Trial("Easy"), lambda _: None)
     assert asked == [False, False, True, True]
 
@@ -278,6 +278,32 @@ def test_a_policy_of_images_of_another_renderer_is_not_flown(rivers: RiverBacken
         rivers.evaluate(Run("train", "PPO", 0), tmp_path, Trial("Easy"), lambda _: None)
 
 
+def test_unseen_rivers_are_built_seen_and_flown_one_after_the_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    told: list[tuple[str, int]] = []
+    waiting: list[int] = []
+
+    def built(level: Any, seed: int, *_: Any) -> World:
+        told.append(("built", seed - UNSEEN))
+        return replace(handmade.canal(length_m=60.0), seed=seed)
+
+    def flown(policy: Any, course: Any, *_: Any, on_step: Any, **__: Any) -> list[Any]:
+        told.append(("flown", course.world.seed - UNSEEN))
+        on_step(SimpleNamespace(waiting=0))
+        return []
+
+    place = RiverBackend(Suite("mine", (), packaged=False, episodes=3))
+    monkeypatch.setattr("thalweg.bench.evaluate.course.load_or_plan", built)
+    monkeypatch.setattr(backend, "evaluate", flown)
+    monkeypatch.setattr(backend, "replace", lambda step, waiting: waiting)
+    monkeypatch.setattr(
+        backend, "observation_function", lambda _, course, *__, **___: told.append(("seen", course.world.seed - UNSEEN))
+    )
+    trial = Trial("Easy", Condition("away", unseen=True))
+    place.evaluate(Run("baseline", "hover", 0), tmp_path, trial, waiting.append)  # pyright: ignore[reportArgumentType]
+    assert told == [(what, number) for number in range(3) for what in ("built", "seen", "flown")]
+    assert waiting == [2, 1, 0]
+
+
 @pytest.mark.parametrize("shield", [True, False])
 def test_the_shield_reads_masks_through_the_camera_of_the_policy(
     shield: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -288,7 +314,7 @@ def test_the_shield_reads_masks_through_the_camera_of_the_policy(
     course = SimpleNamespace(starts=np.zeros((1, 4)))
     monkeypatch.setattr(flown, "policy", lambda *_: policy)
     monkeypatch.setattr(flown, "courses", lambda *_, **__: [course])
-    monkeypatch.setattr(flown, "observers", lambda *_: [None])
+    monkeypatch.setattr(flown, "observer", lambda *_: None)
     monkeypatch.setattr(backend, "evaluate", lambda *arguments, **_: given.append(arguments[3].env.camera) or [])
     flown.evaluate(Run("train", "PPO", 0), tmp_path, Trial("Easy", Condition("kept", shield=shield)), lambda _: None)
     assert given == [Camera(**camera) if shield else Camera()]

@@ -161,7 +161,7 @@ def test_it_is_flown_by_the_river_backend_as_the_file_says(
     assert place.policy(run, tmp_path).about.context["drawn_by"] == 1
     assert place.title(run, tmp_path) == "student, seed 1"
     black = np.zeros((2, 128, 128, CHANNELS["rgb"]), np.uint8)
-    monkeypatch.setattr(place, "observers", lambda *_: [lambda step: black[: len(step.flying)]])
+    monkeypatch.setattr(place, "observer", lambda *_: lambda step: black[: len(step.flying)])
     rows = place.evaluate(run, tmp_path, Trial("Easy"), lambda _: None)
     assert [(row.algorithm, row.seed, row.episode) for row in rows] == [("student", 1, 0), ("student", 1, 1)]
     image_policy("rgb").save(runs[1] / POLICY)

@@ -216,6 +216,19 @@ def test_a_real_river_is_learnt_from_after_the_gate_and_known_by_its_content(tmp
         imitation(tmp_path / "run", **options).run()
 
 
+def test_valleys_of_a_real_river_that_do_not_fit_are_refused_once_one_is_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    file = tmp_path / "brook.geojson"
+    file.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0008, 48], [9.0016, 48.0003]]}')
+    built, build = [], Reach.build
+    monkeypatch.setattr(Reach, "build", lambda reach, seed: built.append(seed) or build(reach, seed))
+    monkeypatch.setattr(imitate, "free_bytes", lambda: 1_000_000)
+    with pytest.raises(ConfigError, match=r"^1,000 rivers of .* MB need .* GB"):
+        imitation(tmp_path / "run", river=Reach(file, width_m=9.0), world_seeds=range(1000)).run()
+    assert built == [0]
+
+
 def test_no_river_is_built_for_the_folder_of_another_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     imitation(tmp_path / "run", steps=8).run()
     (tmp_path / "brook.geojson").write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0008, 48]]}')

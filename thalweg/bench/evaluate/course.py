@@ -93,13 +93,15 @@ class Course:
             yield cls.on(_river(chosen, seed, drawn, config.env.vehicle), config)
 
     @classmethod
-    def unseen(cls, level: str, config: EvaluationConfig, *, drawn: bool = True) -> list["Course"]:
-        """Return one course per episode, each on another unseen river of the level and with one start.
+    def unseen(cls, level: str, config: EvaluationConfig, *, drawn: bool = True) -> Iterator["Course"]:
+        """Yield one course per episode, each on another unseen river of the level and with one start.
 
-        The start on the i-th river is the i-th of that river's own list. `drawn`: as for `of_level`.
+        The start on the i-th river is the i-th of that river's own list. Each is made when its turn comes, since the
+        rivers of many episodes may not fit into the memory together. `drawn`: as for `of_level`.
         """
         courses = cls.of_seeds(level, range(UNSEEN, UNSEEN + config.episodes), config, drawn=drawn)
-        return [course.only(index) for index, course in enumerate(courses)]
+        for index, course in enumerate(courses):
+            yield course.only(index)
 
     @classmethod
     def joined(cls, courses: Sequence["Course"]) -> "Course":

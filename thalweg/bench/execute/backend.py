@@ -3,7 +3,7 @@
 The runner sees only `Backend`, so that tests can replace the rivers by a small problem.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Protocol
@@ -100,18 +100,20 @@ class RiverBackend:
         suite, rules = self.suite, self.suite.rules.with_options(observation="none")
         return EvaluationConfig(suite.episodes, suite.starts_seed, trial.condition.deterministic, rules)
 
-    def courses(self, trial: Trial, *, drawn: bool = True) -> list[Course]:
-        """Return the rivers of a trial and the starts on each; levels' rivers without land if nothing is `drawn`."""
+    def courses(self, trial: Trial, *, drawn: bool = True) -> Iterator[Course]:
+        """Yield the rivers of a trial and the starts on each, `episodes` together; levels' rivers without land if
+        nothing is `drawn`. Each is made when its turn comes."""
         condition, level, config = trial.condition, trial.level, self.config(trial)
         if condition.unseen:
-            return Course.unseen(level, config, drawn=drawn)
+            yield from Course.unseen(level, config, drawn=drawn)
+            return
         ground = condition.river(level) if level in condition.rivers else self.suite.ground(level)
         if isinstance(ground, str):
             course = Course.of_level(ground, config, drawn=drawn)
         else:
             announce_build(ground, 0)
             course = Course.on(ground.build(), config)
-        return [course if condition.randomisation is None else course.varied(condition.randomisation, config)]
+        yield course if condition.randomisation is None else course.varied(condition.randomisation, config)
 
     def train(self, run: Run, folder: Path) -> None:
         """Train on the arm's levels, one stage after another."""
@@ -147,10 +149,8 @@ class RiverBackend:
             return self.suite.policy_file(run).unchanged().policy
         return load_policy(PACKAGED_POLICY if run.kind == "packaged" else folder)
 
-    def observers(
-        self, run: Run, trial: Trial, courses: Sequence[Course], policy: Policy | RecurrentPolicy
-    ) -> list[Observe | None]:
-        """Return the observation function for each course; None for a policy for which nothing is drawn."""
+    def observer(self, run: Run, trial: Trial, course: Course, policy: Policy | RecurrentPolicy) -> Observe | None:
+        """Return the observation function for a course; None for a policy for which nothing is drawn."""
         sees = sight_of(policy)
         encoder = self.encoder(run) if sees == "frames" else None
         rules = self.suite.rules
@@ -159,7 +159,7 @@ class RiverBackend:
         if shielded:
             check_masks(policy, encoder)
         if trial.condition != MAIN or sees not in DRAWN:
-            return [observation_function(policy, course, encoder, shielded=shielded) for course in courses]
+            return observation_function(policy, course, encoder, shielded=shielded)
         view = (
             trial.level,
             observation_of(policy),
@@ -167,8 +167,8 @@ class RiverBackend:
             "" if encoder is None else self.suite.encoder_of(run),
         )
         if view not in self._observers:
-            self._observers[view] = observation_function(policy, courses[0].world, encoder)
-        return [self._observers[view]]
+            self._observers[view] = observation_function(policy, course.world, encoder)
+        return self._observers[view]
 
     def evaluate(self, run: Run, folder: Path, trial: Trial, on_step: Callable[[Step], None]) -> list[Episode]:
         """Return the evaluated episodes of the run's policy in a trial."""
@@ -178,8 +178,9 @@ class RiverBackend:
         label, config = Label(run.algorithm, run.seed, trial.level), self.config(trial)
         # The shield reads the masks of the policy's frames, which are those of the camera of its training.
         config = replace(config, env=config.env.with_options(camera=camera_of(policy))) if shielded else config
-        waiting = sum(len(course.starts) for course in courses)
-        for course, observe in zip(courses, self.observers(run, trial, courses, policy), strict=True):
+        waiting = config.episodes
+        for course in courses:
+            observe = self.observer(run, trial, course, policy)
             waiting -= len(course.starts)
 
             def report(step: Step, waiting: int = waiting) -> None:
@@ -209,7 +210,7 @@ class RiverBackend:
         course = full_course.only(episode.episode)
         label = Label(run.algorithm, run.seed, episode.level)
         steps: list[Step] = []
-        (observe,) = self.observers(run, trial, [course], policy)
+        observe = self.observer(run, trial, course, policy)
         (repeated,) = evaluate(policy, course, label, self.config(trial), observe=observe, on_step=steps.append)
         _require_same(repeated, episode)
         title = self.title(run, folder)

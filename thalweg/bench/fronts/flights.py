@@ -67,7 +67,8 @@ def front_points(
     `config` has the task and the number of starts: all on the level's fixed river, or, if `unseen`, one on each of as
     many unseen rivers.
     """
-    courses = Course.unseen(level, config, drawn=False) if unseen else [Course.of_level(level, config, drawn=False)]
+    fixed = () if unseen else (Course.of_level(level, config, drawn=False),)
+    courses = list(Course.unseen(level, config, drawn=False)) if unseen else fixed
     for price in prices:
         if on_price is not None:
             on_price(price)

@@ -19,7 +19,7 @@ from thalweg.bench.suite.builtin import SUITES
 from thalweg.cli.command import Command
 from thalweg.cli.encoder import ENCODER_COMMANDS, EncoderTrain
 from thalweg.cli.main import COMMANDS, _parse, main
-from thalweg.cli.options import NO_FILE, RiverFile, settings_from
+from thalweg.cli.options import NO_FILE, RiverFile, UsageError, settings_from
 from thalweg.cli.render import RenderFrames
 from thalweg.train.encoder.water import WaterTraining
 from thalweg.train.folder.checkpoint import save_checkpoint
@@ -1078,6 +1078,12 @@ def test_a_file_that_cannot_be_written_is_named_before_anything_is_done(
 def test_a_setting_is_read_as_people_write_it(text: str, value: object):
     (found,) = settings_from([f"rate={text}"]).values()
     assert (found, type(found)) == (value, type(value))
+
+
+@pytest.mark.parametrize("option", ["--set", "--camera", "--wind"])
+def test_a_setting_that_is_given_twice_is_refused(option: str):
+    with pytest.raises(UsageError, match=f"^{option} gives a twice: leave one of them out"):
+        settings_from(["a=1", "b=1", "a=2"], option)
 
 
 def test_a_small_learning_rate_reaches_the_algorithm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -170,6 +170,13 @@ def test_the_rivers_in_memory_are_announced(capsys: pytest.CaptureFixture):
         ({"river": ()}, "levels must be at least one, each once, not none"),
         ({"rivers": "often"}, "rivers must be one of auto, fixed, episode, not 'often'"),
         ({"rivers_in_memory": 9}, "rivers_in_memory is for rivers that change"),
+        ({"rivers_in_memory": -1}, "rivers_in_memory must be at least 1, got -1"),
+        ({"rivers_in_memory": 2.0}, r"rivers_in_memory must be a whole number, got 2\.0"),
+        ({"num_envs": 0}, "num_envs must be at least 1, got 0"),
+        ({"num_envs": 2.5}, r"num_envs must be a whole number, got 2\.5"),
+        ({"num_envs": float("nan")}, "num_envs must be a whole number, got nan"),
+        ({"num_envs": True}, "num_envs must be a whole number, got True"),
+        ({"num_envs": 100_000_000}, "num_envs must be at most 1000000, got 100000000"),
         ({"river": Reach(Path("brook.geojson")), "world_seeds": "0:5"}, "5 seeds of brook.geojson for 4 environments"),
     ],
 )

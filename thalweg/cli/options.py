@@ -183,6 +183,8 @@ def settings_from(given: Sequence[str], option: str = "--set") -> dict[str, Any]
         key, equals, value = pair.partition("=")
         if not equals or not key:
             raise UsageError(f"{option} takes key=value, not {pair!r}")
+        if key in settings:
+            raise UsageError(f"{option} gives {key} twice: leave one of them out")
         try:
             settings[key] = load(value)
         except yaml.YAMLError as error:

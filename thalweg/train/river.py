@@ -41,7 +41,7 @@ from thalweg.train.observations import (
     parts_of_codes,
 )
 from thalweg.train.run import CommonExecution, Execution, configured, has_asymmetric_critics, run, sees_images
-from thalweg.train.run_in_folder import RunResult, load_policy
+from thalweg.train.run_in_folder import RunResult, check_numbers, load_policy
 from thalweg.world import Level, Reach, World, level_named, load_or_build
 from thalweg.world.generate.memory import free_bytes
 from thalweg.world.store.world_cache import cache_path
@@ -115,8 +115,8 @@ class RiverTraining:
     """Greatest number of rivers in memory, if they change; None derives it from the free memory."""
 
     def __post_init__(self) -> None:
-        if self.num_envs < 1:
-            raise TrainingError(f"num_envs must be at least 1, not {self.num_envs}")
+        in_memory = 1 if self.rivers_in_memory is None else self.rivers_in_memory
+        check_numbers(num_envs=(self.num_envs, 1), rivers_in_memory=(in_memory, 1))
         object.__setattr__(self, "world_seeds", parse_seeds(self.world_seeds, "world_seeds", TrainingError))
         if not isinstance(self.river, str | Reach):
             object.__setattr__(self, "river", tuple(self.river))

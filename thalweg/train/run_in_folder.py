@@ -4,6 +4,7 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -25,6 +26,8 @@ from thalweg.train.folder.loggers import RunLog
 from thalweg.train.folder.progress_bar import ProgressBar
 from thalweg.train.loop import AnyTrainer, StatusFile, training_loop
 
+MOST: Mapping[str, int] = MappingProxyType({"num_envs": 1_000_000})
+"""Maximum of numbers of which far fewer exhaust any memory."""
 NO_VERSIONS: Mapping[str, int] = MappingProxyType({})
 
 
@@ -60,13 +63,16 @@ class RunResult:
 
 
 def check_numbers(**numbers: tuple[int, int]) -> None:
-    """Raise `TrainingError` for a (number, minimum) below its minimum, or beyond 64 bits."""
+    """Raise `TrainingError` for a (number, minimum) that is not whole, below its minimum, or beyond 64 bits or the
+    maximum in `MOST`."""
     for name, (number, minimum) in numbers.items():
+        if not isinstance(number, Integral) or isinstance(number, bool):
+            raise TrainingError(f"{name} must be a whole number, got {number!r:.40}")
         if number < minimum:
             required = f"be at least {minimum}" if minimum else "not be negative"
             raise TrainingError(f"{name} must {required}, got {number}")
-        if number > MAX_SEED:
-            raise TrainingError(f"{name} must be at most {MAX_SEED}, got {number}")
+        if number > (most := MOST.get(name, MAX_SEED)):
+            raise TrainingError(f"{name} must be at most {most}, got {number}")
 
 
 def open_folder(

@@ -227,14 +227,14 @@ def test_mean_metrics_name_a_number_that_is_nan():
     ("settings", "words"),
     [
         ({"steps_per_collection": 0}, "steps_per_collection must be a whole number above 0, got 0"),
-        ({"updates_per_step": 0.0}, "updates_per_step must be a number above 0"),
+        ({"updates_per_step": 0.0}, "updates_per_step must be a finite number above 0"),
         ({"target_rate": 0.0}, "target_rate must be a number above 0 and at most 1"),
         ({"cost_critics": 3}, "cost_critics must be a whole number from 1 to 2"),
         ({"discount": 1.1}, "discount must be a number from 0 to 1"),
         ({"multiplier_initial": 99.0}, "multiplier_initial must be at most multiplier_max = 3.0, got 99.0"),
         ({"cost_limit": -1.0}, "cost_limit must be a finite number of at least 0"),
         ({"exploration": 1.5}, "exploration must be a number from 0 to 1"),
-        ({"relaxation": 0.0}, "relaxation must be a number above 0"),
+        ({"relaxation": 0.0}, "relaxation must be a finite number above 0"),
     ],
 )
 def test_bad_settings_are_errors_that_name_the_field(settings: dict[str, Any], words: str):

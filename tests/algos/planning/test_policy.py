@@ -243,7 +243,7 @@ def test_only_safeloop_refuses_too_many_joint_actions():
         ({"hold_out": 0.0}, "hold_out must be a number above 0 and at most 0.5, got 0.0"),
         ({"hold_out": 0.6}, "hold_out must be a number above 0 and at most 0.5, got 0.6"),
         ({"rarity": 0.5}, "rarity must be a number of at least 1"),
-        ({"hidden": (64, 0)}, "hidden.* must be a whole number above 0"),
+        ({"hidden": (64, 0)}, "hidden.* must be a whole number from 1 to 65536"),
         ({"cost_limit": 0.0}, "cost_limit must be a finite number above 0 .a predicted chance is never 0., got 0.0"),
         ({"cost_limit": math.inf}, "cost_limit must be a finite number above 0"),
         ({"cost_limits": (0.1, 0.0)}, r"cost_limits\[1\] must be a finite number above 0 .a predicted chance"),

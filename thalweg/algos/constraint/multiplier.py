@@ -11,7 +11,7 @@ from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import ENOUGH_EPISODES, MeanCostConfig, as_word, cost_suffixes
 from thalweg.algos.interface import Feedback
 from thalweg.algos.maths import multiplier as maths
-from thalweg.core.config import Fraction, frozen_config
+from thalweg.core.config import FiniteNonNegative, Fraction, frozen_config
 
 Rule = Literal["gradient", "adam"]
 Violation = Literal["relative", "absolute"]
@@ -34,18 +34,18 @@ class MultiplierConfig(MeanCostConfig):
     multiplier_violation: Violation = "relative"
     """The violation δ that λ responds to: (J_c - d) / max(J_c, d), from -1 to 1, so that λ rises and falls alike and
     other settings suit any unit of cost ("relative"), or J_c - d ("absolute")."""
-    multiplier_rate: NonNegativeFloat = 0.1
+    multiplier_rate: FiniteNonNegative = 0.1
     """Step size of the integral part; K_I of a PID multiplier."""
-    multiplier_gain: NonNegativeFloat = 2.0
+    multiplier_gain: FiniteNonNegative = 2.0
     """K_P: added to λ for each unit of the violation; 0 switches this part off."""
-    multiplier_derivative: NonNegativeFloat = 0.0
+    multiplier_derivative: FiniteNonNegative = 0.0
     """K_D: added to λ for each unit by which the violation has grown within `multiplier_delay` updates."""
     multiplier_smoothing: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Weight of the previous mean cost in the exponential mean that K_P and K_D use, 0..1; 0 uses the last mean cost
     alone."""
     multiplier_delay: PositiveInt = 1
     """Number of updates over which the growth of the mean cost is measured."""
-    multiplier_initial: NonNegativeFloat = 0.0
+    multiplier_initial: FiniteNonNegative = 0.0
     """λ before the first update."""
     multiplier_max: NonNegativeFloat = 10.0
     """Upper bound of λ."""

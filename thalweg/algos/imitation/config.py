@@ -2,12 +2,13 @@
 
 from typing import Literal
 
-from pydantic import NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
 
 from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.policy.layer_sizes import LayerSize, OptionalLayerSize
 from thalweg.algos.policy.networks import NetworkShape
 from thalweg.algos.policy.vision import Eyes
-from thalweg.core.config import Fraction, TupleOf, frozen_config
+from thalweg.core.config import FiniteNonNegative, FinitePositive, Fraction, TupleOf, frozen_config
 
 Sight = Literal["rgb+mask", "rgb", "mask"]
 Teacher = Literal["steady", "scripted"]
@@ -24,35 +25,35 @@ class ImitationConfig:
     teacher: Teacher = "steady"
     """The pilot that is imitated: `steady`, which gives every move its worth, or `scripted`, of which only the one move
     that it would make is known."""
-    filters: TupleOf[PositiveInt] = (16, 32, 64, 64)
+    filters: TupleOf[LayerSize] = (16, 32, 64, 64)
     """Filters of each convolution."""
-    features: PositiveInt = 256
+    features: LayerSize = 256
     """Numbers that the convolutions make of a frame."""
-    memory_size: NonNegativeInt = 128
+    memory_size: OptionalLayerSize = 128
     """Size of the recurrent state; 0: no memory."""
-    hidden: TupleOf[PositiveInt] = (128,)
+    hidden: TupleOf[LayerSize] = (128,)
     """Sizes of the hidden layers behind the memory."""
     sequence: PositiveInt = 32
     """Steps that are flown between two updates; gradients go back through as many."""
     sequences_per_batch: PositiveInt = 4
     """Sequences of a gradient step."""
-    replay: NonNegativeFloat = 1.0
+    replay: FiniteNonNegative = 1.0
     """Stored sequences that are drawn anew, under other looks, for each new one."""
     capacity: PositiveInt = 200_000
     """Stored steps, the latest ones; 0.5 kB each."""
-    learning_rate: PositiveFloat = 1e-3
+    learning_rate: FinitePositive = 1e-3
     """Learning rate of Adam; it falls linearly to a twentieth."""
     max_grad_norm: PositiveFloat = 1.0
     """Largest norm of a gradient."""
-    temperature: PositiveFloat = 0.1
+    temperature: FinitePositive = 0.1
     """Temperature of the targets in segments of progress: moves whose worths differ by less are about as probable."""
-    regret_weight: NonNegativeFloat = 1.0
+    regret_weight: FiniteNonNegative = 1.0
     """Weight of the expected regret in the loss: how much less the student's moves are worth than the best ones, on
     average."""
-    worst_regret: PositiveFloat = 20.0
+    worst_regret: FinitePositive = 20.0
     """Greatest regret, in segments of progress: that of a fatal move, of options that are those of no move, and of all
     but the descent where the teacher sees no water."""
-    auxiliary_weight: NonNegativeFloat = 0.3
+    auxiliary_weight: FiniteNonNegative = 0.3
     """Weight of the predictions of the privileged state and of the bird's-eye map; 0: they are not learnt."""
     teacher_steps: NonNegativeInt = 40_000
     """Steps over which the share of episodes that the teacher flies falls from 1 to 0."""

@@ -9,10 +9,11 @@ from thalweg.algos.common.value_bounds import check_return_bounds
 from thalweg.algos.constraint.cost_limits import CostConfig
 from thalweg.algos.constraint.multiplier import MultiplierConfig
 from thalweg.algos.policy.actions import Adapter
+from thalweg.algos.policy.layer_sizes import LayerSize
 from thalweg.algos.policy.mlp import Initial
 from thalweg.algos.policy.mlp_autograd import Activation
 from thalweg.algos.policy.networks import NetworkShape
-from thalweg.core.config import FiniteNonNegative, FiniteNumber, Fraction, TupleOf, frozen_config
+from thalweg.core.config import FiniteNonNegative, FiniteNumber, FinitePositive, Fraction, TupleOf, frozen_config
 
 Schedule = Literal["report", "gradient_step"]
 """When the multipliers are updated."""
@@ -24,15 +25,15 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
 
     steps_per_collection: PositiveInt = 64
     """Steps between two rounds of learning, all environments together; at least one step of each environment."""
-    updates_per_step: PositiveFloat = 0.25
+    updates_per_step: FinitePositive = 0.25
     """Gradient steps per environment step; a fraction that is left after a round is carried over to the next."""
     steps_per_update: PositiveInt = 2048
     """Steps between two reports, all environments together. At a report the multipliers are updated and metrics are
     logged."""
-    multiplier_rate: NonNegativeFloat = 0.15
+    multiplier_rate: FiniteNonNegative = 0.15
     """Step size of the integral part of λ; K_I of a PID multiplier. λ is the reward that one unit of cost is worth,
     both in the critics' units."""
-    multiplier_gain: NonNegativeFloat = 0.5
+    multiplier_gain: FiniteNonNegative = 0.5
     """K_P: added to λ at once for each unit of the violation; 0 for none."""
     multiplier_max: NonNegativeFloat = 3.0
     """Upper bound of λ. With `scale_returns` it is the number of deviations of the return that the largest cost of a
@@ -50,7 +51,7 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     so far, widened by `bound_margin`."""
     largest_costs: TupleOf[FiniteNonNegative] = ()
     """Largest discounted cost of the task from any step on, for each limit; none: learnt."""
-    bound_margin: NonNegativeFloat = 0.5
+    bound_margin: FiniteNonNegative = 0.5
     """Widening of learnt bounds on either side, as a share of the distance between them."""
     multiplier_schedule: Schedule = "report"
     """When the multipliers are updated: at each report, from the episodes finished since the last one ("report"), or at
@@ -76,9 +77,9 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """τ: how far the target networks move towards the networks after each update of the policy."""
     policy_delay: PositiveInt = 1
     """Gradient steps of the critics per gradient step of the policy."""
-    learning_rate: NonNegativeFloat = 1e-3
+    learning_rate: FiniteNonNegative = 1e-3
     """Learning rate of Adam for the policy."""
-    critic_learning_rate: NonNegativeFloat = 1e-3
+    critic_learning_rate: FiniteNonNegative = 1e-3
     """Learning rate of Adam for the critics."""
     linear_decay: bool = True
     """Whether the policy's learning rate falls linearly to 0 over the run, so that the final policy does not depend on
@@ -94,7 +95,7 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     """Whether critics learn each cost standardised by its running mean and standard deviation and clipped to ±5, as in
     OmniSafe. A step without cost then has a negative cost, and a multiplier weighs another unit. The limit applies to
     raw costs."""
-    hidden: TupleOf[PositiveInt] = (64, 64)
+    hidden: TupleOf[LayerSize] = (64, 64)
     """Sizes of the hidden layers, of the policy and of each critic."""
     activation: Activation = "relu"
     """Activation of the hidden layers."""

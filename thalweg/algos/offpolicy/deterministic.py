@@ -9,7 +9,6 @@ from collections.abc import Callable
 from typing import Protocol
 
 import torch
-from pydantic import NonNegativeFloat, PositiveFloat
 from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
@@ -22,7 +21,7 @@ from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.offpolicy.replay_buffer import Batch
 from thalweg.algos.policy.actions import Actions, actions_of
 from thalweg.algos.policy.distributions import Categoricals
-from thalweg.core.config import Fraction, frozen_config
+from thalweg.core.config import FiniteNonNegative, FinitePositive, Fraction, frozen_config
 
 LEAST_TEMPERATURE = 1e-3
 """Temperature at which sampled choices are practically deterministic."""
@@ -34,20 +33,20 @@ class DeterministicConfig(OffPolicyConfig):
 
     exploration: Fraction = 0.1
     """ε: share of steps with a uniformly random action."""
-    exploration_noise: NonNegativeFloat = 0.1
+    exploration_noise: FiniteNonNegative = 0.1
     """Standard deviation of the noise added to a continuous action in -1..1 while collecting."""
-    exploration_temperature: PositiveFloat = 0.2
+    exploration_temperature: FinitePositive = 0.2
     """Temperature of discrete actions while collecting: they are sampled from the softmax of the policy's outputs
     divided by this. If it is high, the multipliers respond to the costs of a policy that differs from the final one."""
     exploration_fades: bool = True
     """Whether ε, the standard deviation and the temperature fall linearly to 0 over the run, so that the multipliers
     respond to the costs of the final policy towards its end."""
-    flight_temperature: NonNegativeFloat = 0.5
+    flight_temperature: FiniteNonNegative = 0.5
     """Temperature of discrete actions of the trained policy; 0 for the most probable action. A policy that never draws
     stays for ever where two options seem alike."""
-    relaxation: PositiveFloat = 1.0
+    relaxation: FinitePositive = 1.0
     """τ of the Gumbel-softmax whose gradient replaces that of a discrete choice."""
-    output_decay: NonNegativeFloat = 0.001
+    output_decay: FiniteNonNegative = 0.001
     """Weight of the policy's mean squared outputs (logits, or the inputs of tanh) in its loss, in the critics' units;
     without it a saturated policy has no gradient, and with much of it small differences in value count for nothing."""
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, Literal, Self
 
 import torch
-from pydantic import Field, NonNegativeFloat, model_validator
+from pydantic import Field, model_validator
 from torch import Tensor
 
 from thalweg.algos.common.adam import Adam
@@ -22,7 +22,9 @@ from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.offpolicy.replay_buffer import Batch
 from thalweg.algos.policy.actions import Actions, actions_of
 from thalweg.algos.policy.distributions import Categoricals, SquashedGaussian
-from thalweg.core.config import Fraction, Hint, frozen_config
+from thalweg.core.config import FiniteNonNegative, Fraction, Hint, frozen_config
+
+BELOW_LOG_2 = Field(lt=math.log(2.0), allow_inf_nan=False)
 
 
 @frozen_config(AlgorithmError)
@@ -31,15 +33,15 @@ class SACLagConfig(OffPolicyConfig):
 
     multiplier_settles: bool = False
     """Off by default: a stochastic policy can stay at its limit and need not end on the safe side of an oscillation."""
-    alpha: NonNegativeFloat = 0.1
+    alpha: FiniteNonNegative = 0.1
     """α: weight of the policy's entropy in nats; with `auto_alpha` its initial value."""
     auto_alpha: bool = True
     """Whether α is adapted to keep the policy's entropy at a target."""
-    alpha_learning_rate: NonNegativeFloat = 1e-3
+    alpha_learning_rate: FiniteNonNegative = 1e-3
     """Learning rate of Adam for log α."""
     entropy_share: Fraction = 0.1
     """Target entropy of a discrete policy, as a share of the maximum, log(number of joint actions)."""
-    entropy_per_number: Annotated[float, Field(lt=math.log(2.0)), Hint("the entropy of -1..1 is log 2")] = -1.0
+    entropy_per_number: Annotated[float, BELOW_LOG_2, Hint("the entropy of -1..1 is log 2")] = -1.0
     """Target entropy of a continuous policy in -1..1, in nats per dimension of the action."""
     entropy_in_targets: bool = False
     """Whether targets of the reward contain α times the entropy of later steps, as in the paper, so that the value is

@@ -17,7 +17,7 @@ from thalweg.algos.offpolicy.deterministic import (
     policy_gradient_step,
 )
 from thalweg.algos.offpolicy.replay_buffer import Batch
-from thalweg.core.config import frozen_config
+from thalweg.core.config import FiniteNonNegative, frozen_config
 
 
 @frozen_config(AlgorithmError)
@@ -26,11 +26,11 @@ class TD3LagConfig(DeterministicConfig):
 
     policy_delay: PositiveInt = 2
     """Gradient steps of the critics per gradient step of the policy."""
-    target_noise: NonNegativeFloat = 0.2
+    target_noise: FiniteNonNegative = 0.2
     """σ̃: standard deviation of the noise added to a continuous action in -1..1 for targets."""
     target_noise_clip: NonNegativeFloat = 0.5
     """c: the noise of targets is clipped to ±c."""
-    target_temperature: NonNegativeFloat = 0.05
+    target_temperature: FiniteNonNegative = 0.05
     """Temperature of discrete actions for targets: they are sampled from the softmax of the policy's outputs divided by
     this; 0 for the most probable action. If it is much higher, targets belong to a policy that differs from the final
     one."""

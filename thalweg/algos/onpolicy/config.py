@@ -8,12 +8,13 @@ from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.constraint.cost_limits import CostConfig, MeanCostConfig, Multiple
 from thalweg.algos.constraint.multiplier import MultiplierConfig
 from thalweg.algos.policy.actions import Adapter
+from thalweg.algos.policy.layer_sizes import LayerSize
 from thalweg.algos.policy.memory import Memory
 from thalweg.algos.policy.mlp import Initial
 from thalweg.algos.policy.mlp_autograd import Activation
 from thalweg.algos.policy.networks import NetworkShape
 from thalweg.algos.policy.vision import Eyes
-from thalweg.core.config import Fraction, Hint, TupleOf, frozen_config
+from thalweg.core.config import FiniteNonNegative, FinitePositive, Fraction, Hint, TupleOf, frozen_config
 
 
 @frozen_config(AlgorithmError)
@@ -26,7 +27,7 @@ class OnPolicyConfig:
     """Largest number of passes over the rollout per update; OnCRPO and CPO use it for the critics only."""
     minibatch: PositiveInt = 256
     """Approximate number of environment steps per gradient step."""
-    critic_learning_rate: NonNegativeFloat = 1e-3
+    critic_learning_rate: FiniteNonNegative = 1e-3
     """Learning rate of Adam for the critics."""
     discount: Fraction = 0.99
     """Discount factor γ of the reward."""
@@ -34,16 +35,16 @@ class OnPolicyConfig:
     """λ of generalised advantage estimation for the reward."""
     max_grad_norm: PositiveFloat = 1.0
     """Largest norm of a gradient; the gradients of the policy and of the critics are clipped separately."""
-    critic_decay: NonNegativeFloat = 0.0
+    critic_decay: FiniteNonNegative = 0.0
     """L2 regularisation of the critics: weight of their squared parameters, added to half their mean squared error."""
     policy: Literal["mlp", "cnn"] = "mlp"
     """What the policy sees: numbers ("mlp"), or images by convolutions of its own, and its last action ("cnn"). With
     "cnn" the critics see only what the environment tells them beyond the observation, and have no memory."""
-    filters: TupleOf[PositiveInt] = (16, 32, 64, 64)
+    filters: TupleOf[LayerSize] = (16, 32, 64, 64)
     """With policy=cnn: filters of each convolution."""
-    features: PositiveInt = 256
+    features: LayerSize = 256
     """With policy=cnn: numbers that the convolutions make of an image."""
-    hidden: TupleOf[PositiveInt] = (64, 64)
+    hidden: TupleOf[LayerSize] = (64, 64)
     """Sizes of the hidden layers of the policy and of each critic."""
     activation: Activation = "tanh"
     """Activation function of the hidden layers."""
@@ -59,7 +60,7 @@ class OnPolicyConfig:
     """With `begin_with`: environment steps during which only the critics learn, because critics that have learnt
     nothing would move the policy anywhere; without it, no effect. Policy and multipliers stay until then. Above 16
     environments the default is 625 steps of each, enough for an episode of 500."""
-    imitation_kl: NonNegativeFloat = 0.0
+    imitation_kl: FiniteNonNegative = 0.0
     """With `begin_with`: weight of the KL from the policy that the run begins with, KL(π ‖ π_0) in nats, summed over
     action branches, in the policy's loss or, of natural gradients, in their objective; that at the beginning."""
     imitation_kl_share: Annotated[float, Field(gt=0, le=1)] = 0.5
@@ -71,7 +72,7 @@ class OnPolicyConfig:
     """Number of last observations that are concatenated."""
     memory: Memory = "none"
     """Recurrent memory: with "gru", a recurrent network precedes the policy and another one the critics."""
-    memory_size: PositiveInt = 64
+    memory_size: LayerSize = 64
     """Size of the recurrent state."""
     sequence: PositiveInt = 16
     """Steps of backpropagation through time."""
@@ -136,11 +137,11 @@ class FirstOrderConfig(OnPolicyConfig):
     target_kl: Annotated[float, Field(gt=0), Hint("inf: never stop early")] = 0.02
     """Passes stop once the mean KL from the policy that collected the rollout exceeds this, in nats, summed over action
     branches."""
-    learning_rate: NonNegativeFloat = 1e-3
+    learning_rate: FiniteNonNegative = 1e-3
     """Learning rate of Adam for the policy."""
     linear_decay: bool = True
     """Whether the policy's learning rate decays linearly to 0 over the run."""
-    entropy: NonNegativeFloat = 0.003
+    entropy: FiniteNonNegative = 0.003
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
 
 
@@ -148,7 +149,7 @@ class FirstOrderConfig(OnPolicyConfig):
 class NaturalConfig(OnPolicyConfig):
     """Settings of every on-policy algorithm whose policy takes one natural-gradient step per update."""
 
-    trust_radius: PositiveFloat = 0.02
+    trust_radius: FinitePositive = 0.02
     """Trust region δ: the largest mean KL of one step, in nats, summed over action branches."""
     radius_settles: bool = True
     """Whether δ decays to 0 over the last quarter of the run, so that a policy that oscillates about its limit does not
@@ -160,7 +161,7 @@ class NaturalConfig(OnPolicyConfig):
     """Iterations of the conjugate gradient method that solves for the step."""
     curvature_steps: NonNegativeInt = 0
     """Largest number of steps of the rollout from which the Fisher matrix is computed; 0: all of them."""
-    damping: NonNegativeFloat = 0.1
+    damping: FiniteNonNegative = 0.1
     """Damping: multiple of the identity that is added to the Fisher matrix."""
     backtracks: PositiveInt = 15
     """Largest number of steps that the line search tries; if none is accepted, the policy stays."""

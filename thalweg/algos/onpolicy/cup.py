@@ -3,7 +3,7 @@ costs too much; not among the study's ten."""
 
 from typing import Annotated, Any
 
-from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic import Field, PositiveFloat, PositiveInt
 from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
@@ -22,7 +22,7 @@ from thalweg.algos.onpolicy.agent import (
 )
 from thalweg.algos.onpolicy.config import LagrangianConfig
 from thalweg.algos.policy.memory import Sequences
-from thalweg.core.config import frozen_config
+from thalweg.core.config import FiniteNonNegative, frozen_config
 
 
 @frozen_config(AlgorithmError)
@@ -31,9 +31,9 @@ class CUPConfig(LagrangianConfig):
 
     clip: PositiveFloat = 0.2
     """Clip range ε of the first step: the probability ratio is clipped to 1 ± ε."""
-    entropy: NonNegativeFloat = 0.01
+    entropy: FiniteNonNegative = 0.01
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
-    multiplier_gain: NonNegativeFloat = 0.5
+    multiplier_gain: FiniteNonNegative = 0.5
     """K_P: added to ν for each unit of the violation. Smaller than elsewhere: the projection weighs costs by
     (1-γλ)/(1-γ) ν, about six times ν."""
     projection_passes: PositiveInt = 10

@@ -3,7 +3,6 @@ region and a cost limit, in closed form, then projected back onto what the netwo
 
 from typing import Any, Literal
 
-from pydantic import NonNegativeFloat, PositiveFloat
 from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
@@ -23,16 +22,16 @@ from thalweg.algos.onpolicy.agent import (
 )
 from thalweg.algos.onpolicy.config import LagrangianConfig
 from thalweg.algos.policy.memory import Sequences
-from thalweg.core.config import frozen_config
+from thalweg.core.config import FiniteNonNegative, FinitePositive, frozen_config
 
 
 @frozen_config(AlgorithmError)
 class FOCOPSConfig(LagrangianConfig):
     """Settings of FOCOPS; its multiplier is called ν in its paper."""
 
-    temperature: PositiveFloat = 0.5
+    temperature: FinitePositive = 0.5
     """Temperature λ: a larger one makes the policy follow the advantages less."""
-    trust_radius: PositiveFloat = 0.02
+    trust_radius: FinitePositive = 0.02
     """Trust region η of each state, a KL in nats, summed over action branches. Beyond it, only the entropy term of the
     loss has a gradient in that state."""
     mask: Literal["state", "batch"] = "state"
@@ -40,7 +39,7 @@ class FOCOPSConfig(LagrangianConfig):
     broadcast."""
     normalise_by_multiplier: bool = False
     """Whether A_r - Σ ν A_c is divided by 1 + Σ ν, as in OmniSafe; the paper does not divide it."""
-    entropy: NonNegativeFloat = 0.01
+    entropy: FiniteNonNegative = 0.01
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss; the paper has none."""
 
 

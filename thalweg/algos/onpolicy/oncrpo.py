@@ -3,7 +3,6 @@ return while the cost is within its limit, and lowers the cost otherwise."""
 
 from typing import Any
 
-from pydantic import NonNegativeFloat
 from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
@@ -22,7 +21,7 @@ from thalweg.algos.onpolicy.agent import (
 )
 from thalweg.algos.onpolicy.config import ConstrainedConfig, NaturalConfig
 from thalweg.algos.onpolicy.natural_step import NaturalStep, most_violated
-from thalweg.core.config import frozen_config
+from thalweg.core.config import FiniteNonNegative, frozen_config
 
 
 @frozen_config(AlgorithmError)
@@ -32,7 +31,7 @@ class OnCRPOConfig(ConstrainedConfig, NaturalConfig):
     standardise_cost: bool = True
     """Whether cost advantages are divided by their standard deviation. The length of a step is that of the trust region
     in either case: it matters only beside `imitation_kl`."""
-    tolerance: NonNegativeFloat = 0.0
+    tolerance: FiniteNonNegative = 0.0
     """How far above its limit a mean cost may be before the next step reduces it."""
 
 

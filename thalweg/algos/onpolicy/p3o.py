@@ -4,7 +4,7 @@ exact penalty, which is active only while the surrogate of the cost predicts tha
 from typing import Any, Literal, Self
 
 import torch
-from pydantic import NonNegativeFloat, PositiveFloat, model_validator
+from pydantic import PositiveFloat, model_validator
 from torch import Tensor
 
 from thalweg.algos.common.errors import AlgorithmError
@@ -23,16 +23,16 @@ from thalweg.algos.onpolicy.agent import (
 from thalweg.algos.onpolicy.config import ConstrainedConfig, FirstOrderConfig
 from thalweg.algos.policy.distributions import Distribution, TapedDistribution
 from thalweg.algos.policy.memory import Sequences
-from thalweg.core.config import frozen_config
+from thalweg.core.config import FiniteNonNegative, frozen_config
 
 
 @frozen_config(AlgorithmError)
 class P3OConfig(ConstrainedConfig, FirstOrderConfig):
     """Settings of P3O."""
 
-    penalty: NonNegativeFloat = 2.0
+    penalty: FiniteNonNegative = 2.0
     """Weight κ of the penalty; the penalty is exact once κ exceeds the optimal multiplier."""
-    entropy: NonNegativeFloat = 0.01
+    entropy: FiniteNonNegative = 0.01
     """Coefficient of the policy's entropy (nats, summed over action branches) in the loss."""
     clip: PositiveFloat = 0.2
     """Clip range ε: the probability ratio is clipped to 1 ± ε."""

@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
 
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.common.value_bounds import check_return_bounds
 from thalweg.algos.constraint.cost_limits import CostConfig
 from thalweg.algos.policy.actions import Adapter
-from thalweg.core.config import FiniteNumber, FinitePositive, Fraction, Hint, TupleOf, frozen_config
+from thalweg.algos.policy.layer_sizes import LayerSize
+from thalweg.core.config import FiniteNonNegative, FiniteNumber, FinitePositive, Fraction, Hint, TupleOf, frozen_config
 
 Size = Literal["small", "lite", "full"]
 Precision = Literal["float32", "bfloat16"]
@@ -56,7 +57,7 @@ class PlanningConfig(CostConfig):
     """Updates of the plan per decision; 0: as in `size`."""
     elites: NonNegativeInt = 0
     """Candidates that determine the next iteration, and the least number that must be feasible; 0: as in `size`."""
-    model_hidden: TupleOf[PositiveInt] = ()
+    model_hidden: TupleOf[LayerSize] = ()
     """Sizes of the hidden layers of each model; empty: as in `size`."""
     horizon: NonNegativeInt = 0
     """H: decisions that are imagined ahead; 0: as in `size`."""
@@ -75,10 +76,10 @@ class PlanningConfig(CostConfig):
     carry_over: Fraction = 0.5
     """Weight of the previous decision's plan, shifted by a step, in the initial plan of the next decision; discrete
     actions only."""
-    settled_variance: NonNegativeFloat = 0.0
+    settled_variance: FiniteNonNegative = 0.0
     """The search ends early, after at least one iteration, once no variance of the plan is above this: that of a
     number, or p (1 - p) of an option. 0: it runs all iterations."""
-    initial_std: PositiveFloat = 0.5
+    initial_std: FinitePositive = 0.5
     """Standard deviation of continuous actions, which lie in -1..1, in the initial plan."""
     largest_variance: PositiveFloat = 4.0
     """Upper bound of the variance of continuous actions in a plan."""
@@ -96,9 +97,9 @@ class PlanningConfig(CostConfig):
     """Whether imagined episodes can terminate as the model predicts; else all of them last H steps."""
     members: PositiveInt = 5
     """Models in the ensemble."""
-    model_learning_rate: NonNegativeFloat = 1e-3
+    model_learning_rate: FiniteNonNegative = 1e-3
     """Learning rate of Adam for the ensemble."""
-    model_decay: NonNegativeFloat = 1e-4
+    model_decay: FiniteNonNegative = 1e-4
     """Weight decay of each model's last layer; it falls to a quarter towards the first layer."""
     fixed_variance_bounds: bool = False
     """Whether the bounds of the predicted log-variance stay at their initial values, as in OmniSafe."""
@@ -117,7 +118,7 @@ class PlanningConfig(CostConfig):
     """Share of the steps that are held out of fitting to measure the model; at most a half."""
     minibatch: PositiveInt = 256
     """Steps in the batch of one gradient step, for each model and for the critics."""
-    hidden: TupleOf[PositiveInt] = (64, 64)
+    hidden: TupleOf[LayerSize] = (64, 64)
     """Sizes of the hidden layers of critics and actor."""
     bound_targets: bool = True
     """Whether the values that the critics' targets add to a reward are held within what an episode can pay from a step
@@ -125,9 +126,9 @@ class PlanningConfig(CostConfig):
     return_bounds: TupleOf[FiniteNumber] = ()
     """Smallest and largest discounted return of the task from any step on; none: learnt, the extremes of all episodes
     so far, widened by `bound_margin`."""
-    bound_margin: NonNegativeFloat = 0.5
+    bound_margin: FiniteNonNegative = 0.5
     """Widening of learnt bounds on either side, as a share of the distance between them."""
-    critic_learning_rate: NonNegativeFloat = 1e-3
+    critic_learning_rate: FiniteNonNegative = 1e-3
     """Learning rate of Adam for the critics."""
     critic_steps: NonNegativeInt = 64
     """Gradient steps of the critics per collection."""

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, Self
 
 import torch
-from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, model_validator
+from pydantic import Field, NonNegativeInt, model_validator
 from torch import Tensor, nn
 
 from thalweg.algos.common.adam import Adam
@@ -27,13 +27,14 @@ from thalweg.algos.planning.planner import Budget
 from thalweg.algos.planning.policy import METHODS
 from thalweg.algos.planning.soft_actor_critic import soft_actor_critic
 from thalweg.algos.policy.actions import Actions
-from thalweg.core.config import Fraction, Hint, frozen_config
+from thalweg.core.config import FiniteNonNegative, FinitePositive, Fraction, Hint, frozen_config
 
 SIZES: dict[Size, Sizes] = {
     "small": Sizes(samples=32, particles=1, iterations=3, elites=6, horizon=5, model_hidden=(64, 64)),
     "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
     "full": Sizes(samples=100, particles=4, iterations=5, elites=20, horizon=7, model_hidden=(200, 200, 200, 200)),
 }
+BELOW_LOG_2 = Field(lt=math.log(2.0), allow_inf_nan=False)
 
 
 @frozen_config(AlgorithmError)
@@ -44,9 +45,9 @@ class SafeLOOPConfig(PlanningConfig):
     """Plans that the actor proposes in each model of the ensemble."""
     proposal_share: Fraction = 0.5
     """Weight of these plans in the initial plan of each decision; the rest is that of the previous decision."""
-    sharpness: PositiveFloat = 2.0
+    sharpness: FinitePositive = 2.0
     """β: inverse temperature of the weights of feasible candidates."""
-    cost_sharpness: PositiveFloat = 4.0
+    cost_sharpness: FinitePositive = 4.0
     """β_c: inverse temperature of the weights by cost, used where too few candidates are feasible."""
     standardise_returns: bool = True
     """Whether β and β_c apply to standardised returns and costs of the candidates; else to those of an episode, each
@@ -54,22 +55,22 @@ class SafeLOOPConfig(PlanningConfig):
     stale_action_value: bool = False
     """Whether the value after the horizon is that of the last state with the action before it, as in OmniSafe; else
     with the actor's action."""
-    alpha: NonNegativeFloat = 0.2
+    alpha: FiniteNonNegative = 0.2
     """α: weight of the actor's entropy in nats; with `auto_alpha` its initial value."""
     auto_alpha: bool = True
     """Whether α is adapted to keep the actor's entropy at a target."""
-    alpha_learning_rate: NonNegativeFloat = 1e-3
+    alpha_learning_rate: FiniteNonNegative = 1e-3
     """Learning rate of Adam for log α."""
     alpha_decay: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Factor of α after each gradient step without `auto_alpha`."""
     entropy_share: Fraction = 0.1
     """Target entropy of a discrete actor, as a share of the maximum, log(number of joint actions)."""
-    entropy_per_number: Annotated[float, Field(lt=math.log(2.0)), Hint("the entropy of -1..1 is log 2")] = -1.0
+    entropy_per_number: Annotated[float, BELOW_LOG_2, Hint("the entropy of -1..1 is log 2")] = -1.0
     """Target entropy of a continuous actor in -1..1, in nats per dimension of the action."""
     entropy_in_targets: bool = False
     """Whether targets contain α times the entropy of later decisions, as in the paper; else it counts in the actor's
     loss alone."""
-    learning_rate: NonNegativeFloat = 1e-3
+    learning_rate: FiniteNonNegative = 1e-3
     """Learning rate of Adam for the actor."""
     discount: Fraction = 0.9
     """γ of the critics, for the reward after the horizon. They estimate the best an actor can do from few data, and err

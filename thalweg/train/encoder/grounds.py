@@ -80,7 +80,10 @@ class Grounds:
         check_all_fit(sum(map(len, lists)), drawn_bytes(self.river.build(seed)), free_bytes())
 
     def check_limit(self, in_memory: int | None) -> None:
-        """Raise `EncoderInputError` for a limit of rivers in memory, `in_memory`, where there is none to set."""
+        """Raise `EncoderInputError` for a limit of rivers in memory, `in_memory`, where there is none to set, and for
+        one below 1."""
+        if in_memory is not None and in_memory < 1:
+            raise EncoderInputError(f"rivers_in_memory must be at least 1, not {in_memory}")
         if self.river is not None and in_memory is not None:
             raise EncoderInputError(
                 f"rivers_in_memory is for levels; all valleys of {self.river.name} are in memory: give fewer seeds"

@@ -166,6 +166,7 @@ class Imitation:
             refuse_unseen(seeds, "world_seeds", TrainingError)
         threads = 1 if self.threads is None else self.threads
         check_numbers(steps=(self.steps, 1), num_envs=(self.num_envs, 1), threads=(threads, 1), seed=(self.seed, 0))
+        check_numbers(rivers_in_memory=(1 if self.rivers_in_memory is None else self.rivers_in_memory, 1))
 
     def _rules(self, config: ImitationConfig) -> EnvConfig:
         """Return what the environments draw."""

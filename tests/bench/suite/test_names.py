@@ -8,10 +8,10 @@ import pytest
 from tests.bench.small_backend import SUITE
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Trial
-from thalweg.bench.results.results import evaluation_path
+from thalweg.bench.results.results import KINDS, FilmFiles, evaluation_path
 from thalweg.bench.suite.arms import Arm, Run
 from thalweg.bench.suite.config import Suite
-from thalweg.bench.suite.names import TEMPORARY, refuse_long_names
+from thalweg.bench.suite.names import FILM, TEMPORARY, refuse_long_names
 from thalweg.core.atomic_io import atomic_path, write_atomic
 
 
@@ -55,3 +55,8 @@ def test_a_name_grows_as_much_as_that_of_a_temporary_file(tmp_path: Path):
     with pytest.raises(RuntimeError), atomic_path(tmp_path / "name.csv") as draft:
         assert len(draft.name) == len("name" + TEMPORARY)
         raise RuntimeError
+
+
+def test_no_file_of_a_film_has_a_longer_name():
+    stems = [path.stem for kind in KINDS for path in FilmFiles.of(Path(), f"PPO-{kind}").paths]
+    assert max(stems, key=len) == f"PPO{FILM}"

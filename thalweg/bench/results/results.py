@@ -26,6 +26,7 @@ from thalweg.bench.evaluate.episodes import ALL_REASONS, FIRST_COST, REASON_TEXT
 from thalweg.bench.packaged import PACKAGED
 from thalweg.bench.results.run_versions import Sources, Versions, some_critics_are_asymmetric
 from thalweg.bench.results.statistics import TrainingLog
+from thalweg.bench.suite.names import MOST_CHARACTERS
 from thalweg.bench.suite.record import arms_of, observation_of, seeds_of_flown, stages_of
 from thalweg.core.atomic_io import write_atomic
 from thalweg.train.observations import PRIVILEGED, SEEN_BY_CRITICS
@@ -36,8 +37,6 @@ MAIN_FILM, FILMS = "film", "films"
 MAIN_FILE = f"{MAIN_FILM}.mp4"
 POSTER = ".jpg"
 """Ending of the picture that stands for a film."""
-MOST_CHARACTERS = 200
-"""Length of the name of a run, which is that of its folder and of files."""
 KINDS = ("best", "failure")
 """Endings of the names of a policy's films: its best flight and its typical failure."""
 

@@ -219,7 +219,7 @@ WRONG = [
         " known: steps_per_update, passes, minibatch, ",
     ),
     (["train", "--preset", "study", "--out", "x"], "no preset 'study'; there are default, paper"),
-    (["train", "--num-envs", "0", "--out", "x"], "--num-envs must be at least 1, not 0; such as --num-envs 16"),
+    (["train", "--num-envs", "0", "--out", "x"], "--num-envs must be at least 1, got 0; such as --num-envs 16"),
     (
         ["train", "--observation", "privileged", "--encoder", "mine.safetensors", "--out", "x"],
         "--observation privileged takes no encoder: leave --encoder mine.safetensors out",

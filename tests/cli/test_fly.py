@@ -56,6 +56,9 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path, capsys: pytest
     (tmp_path / "flights").write_text("")
     assert main(["fly", "--out", str(tmp_path / "flights")]) == 2
     assert "is not a folder" in capsys.readouterr().err
+    assert main(["fly", "--out", str(tmp_path / "flights" / "below")]) == 2
+    told = f"--out {tmp_path / 'flights' / 'below'}: {tmp_path / 'flights'} is not a folder"
+    assert told in capsys.readouterr().err
 
 
 def test_the_help_names_all_looks():

@@ -73,8 +73,9 @@ class Fly(ChosenFlight):
             raise UsageError(
                 f"--host {self.host} would serve on all addresses: name the one under which browsers reach this machine"
             )
-        if self.out.exists() and not self.out.is_dir():
-            raise UsageError(f"--out {self.out} is not a folder; name one for saved flights")
+        existing = next(path for path in (self.out, *self.out.absolute().parents) if path.exists())
+        if not existing.is_dir():
+            raise UsageError(f"--out {self.out}: {existing} is not a folder; name one for saved flights")
 
     def _loaders(self) -> dict[str, Callable[[], Any]]:
         """Return functions that load policies, by name; those that were named are loaded now, so that errors show."""

@@ -123,11 +123,13 @@ class FlyOracle(Command):
     def _keep(self, known: "dict[float, FrontPoint]") -> None:
         """Write the points of a front to the file, beside those that another command has written there meanwhile."""
         from thalweg.bench.fronts.fronts import write_fronts
+        from thalweg.core.file_lock import held
 
         if self.out is None:
             return
         point = next(iter(known.values()))
         front = (point.task, point.level, point.rivers)
-        known = self._known(point.task, point.level) | known
-        others = [each for each in self._points() if (each.task, each.level, each.rivers) != front]
-        write_fronts(self.out, [*others, *(known[price] for price in sorted(known))])
+        with held(self.out):
+            known = self._known(point.task, point.level) | known
+            others = [each for each in self._points() if (each.task, each.level, each.rivers) != front]
+            write_fronts(self.out, [*others, *(known[price] for price in sorted(known))])

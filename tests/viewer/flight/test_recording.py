@@ -1,5 +1,7 @@
 """Tests of the file of a flight, and of the table of those that ended."""
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +10,6 @@ import pytest
 
 from tests.env import handmade
 from tests.viewer.flight.conftest import Fly
-from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.course import Course
 from thalweg.bench.evaluate.episodes import read_episodes
@@ -76,12 +77,71 @@ def test_tasks_and_vehicles_have_tables_of_their_own(fly: Fly, tmp_path: Path):
     assert [path.name for path in tmp_path.glob("*.csv")] == ["episodes-Swimmers.csv"]
 
 
-def test_a_table_that_cannot_be_read_is_left_and_named(fly: Fly, tmp_path: Path):
-    (tmp_path / "episodes.csv").write_text("mine\n")
-    with pytest.raises(ResultsError, match=r"episodes.csv lacks the columns"):
-        Folder(tmp_path).save(pilot_flight(fly(seed=1)))
-    assert [path.name for path in tmp_path.iterdir()] == ["episodes.csv"]
-    assert (tmp_path / "episodes.csv").read_text() == "mine\n"
+def names_in(folder: Path) -> list[str]:
+    """The names of files without those of locks."""
+    return sorted(path.name for path in folder.iterdir() if path.suffix != ".lock")
+
+
+def test_a_table_that_cannot_be_read_is_left_and_the_flight_is_kept(
+    fly: Fly, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    table, flight = tmp_path / "episodes.csv", pilot_flight(fly(seed=1))
+    table.write_text("mine\n")
+    name = Folder(tmp_path).save(flight)
+    told = capsys.readouterr().err
+    assert f"the flight {name} is saved in {tmp_path}, but has no row in episodes.csv yet: episodes.csv lacks" in told
+    assert Folder(tmp_path).names() == [name] and table.read_text() == "mine\n"
+    table.unlink()
+    Folder(tmp_path).save(flight)
+    assert [row.episode for row in read_episodes(table)] == [0, 1]
+    assert names_in(tmp_path) == sorted(["episodes.csv", *(f"{each}.npz" for each in Folder(tmp_path).names())])
+
+
+@pytest.mark.parametrize("number", range(5))
+def test_a_server_that_is_killed_at_any_replacing_of_a_file_loses_neither_flight_nor_row(
+    number: int, fly: Fly, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    class Killed(BaseException):
+        """Stands for the end of the process: nothing is removed on its way."""
+
+    def kill(old: Path, new: Path, left: list[int] = [number]) -> None:  # noqa: B006
+        if not left[0]:
+            monkeypatch.setattr(Path, "unlink", lambda *_, **__: None)
+            raise Killed
+        left[0] -= 1
+        replace_file(old, new)
+
+    folder, flight, replace_file = Folder(tmp_path), pilot_flight(fly(seed=1)), os.replace
+    folder.save(flight)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", kill)
+        if number < 4:
+            with pytest.raises(Killed):
+                folder.save(flight)
+        else:
+            folder.save(flight)
+        monkeypatch.undo()
+    folder.save(flight)
+    rows = read_episodes(tmp_path / "episodes.csv")
+    assert len(rows) == len(folder.names()) and [row.episode for row in rows] == list(range(len(rows)))
+    assert len(rows) == (2 if number < 2 else 3)
+
+
+def test_two_servers_never_take_the_same_name(fly: Fly, tmp_path: Path):
+    recording = Recording.of(pilot_flight(fly(seed=1), 2))
+    with Folder(tmp_path)._free_name(recording) as one, Folder(tmp_path)._free_name(recording) as other:
+        assert one != other
+    (tmp_path / f"{one}.npz").touch()
+    with Folder(tmp_path)._free_name(recording) as third:
+        assert third == other  # which has become free
+
+
+def test_servers_that_save_at_once_lose_no_row(fly: Fly, tmp_path: Path):
+    flight = pilot_flight(fly(seed=1))
+    with ThreadPoolExecutor(4) as pool:
+        names = list(pool.map(lambda _: Folder(tmp_path).save(flight), range(12)))
+    assert len(set(names)) == 12
+    assert [row.episode for row in read_episodes(tmp_path / "episodes.csv")] == list(range(12))
 
 
 def test_a_flight_without_a_step_is_not_saved(fly: Fly, tmp_path: Path):

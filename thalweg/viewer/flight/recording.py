@@ -3,20 +3,25 @@
 A finished flight also becomes a row of a table as `thalweg evaluate --out` writes it.
 """
 
+import itertools
 import json
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import ALL_REASONS, Episode, flown_of_ahead, read_episodes, write_episodes
 from thalweg.core import versions
 from thalweg.core.atomic_io import atomic_path, without_temporaries
 from thalweg.core.config import parse_config
+from thalweg.core.file_lock import held
+from thalweg.core.notices import notice
 from thalweg.env.task.course_arrays import fingerprint
 from thalweg.viewer.errors import ViewerError
 from thalweg.viewer.flight.flight import Flight
@@ -26,6 +31,9 @@ from thalweg.world import World
 FORMAT = 1
 """Version of the file."""
 ENDING = ".npz"
+DUE, NOT_YET = ".row-of-", 10**9
+"""What stands between flight and table in the name of the hidden file of a row that is not yet in its table, and the
+number of the row until it has one there."""
 ARRAYS = ("actions", "poses", "times_s", "rewards", "costs")
 NUMBERS = ("progress", "reason", "ahead", "world")
 """What a file has beside the text, in arrays and numbers."""
@@ -221,16 +229,41 @@ class Folder:
     def save(self, flight: Flight) -> str:
         """Write what has been flown, and its row if it has ended; returns the name of the flight.
 
-        Raises `ViewerError` for a flight without a step, `ResultsError` for a table that cannot be read, and `OSError`.
+        The flight is kept also where its table cannot be read or written: a notice says so, and the row is added once
+        that is mended. Raises `ViewerError` for a flight without a step, and `OSError`.
         """
         recording = Recording.of(flight)
-        name = self._free_name(recording)
-        table = self.path / _table_of(recording.options)
-        rows = read_episodes(table) if flight.ended and table.is_file() else []
-        write_recording(self.path / f"{name}{ENDING}", recording)
-        if flight.ended:
-            write_episodes(table, [*rows, recording.episode(len(rows), flight.world)])
+        table = _table_of(recording.options)
+        with self._free_name(recording) as name, held(self.path / table):
+            due = self.path / f".{name}{DUE}{table}"
+            try:
+                if flight.ended:
+                    write_episodes(due, [recording.episode(NOT_YET, flight.world)])
+                write_recording(self.path / f"{name}{ENDING}", recording)
+            except BaseException:
+                due.unlink(missing_ok=True)
+                raise
+            try:
+                self._add_rows(table)
+            except (ResultsError, OSError) as error:
+                notice(f"the flight {name} is saved in {self.path}, but has no row in {table} yet: {error}")
         return name
+
+    def _add_rows(self, table: str) -> None:
+        """Add the rows that are due to a table, also those of processes that were killed before they added theirs.
+
+        Raises `ResultsError` for a table that cannot be read, and `OSError`.
+        """
+        path = self.path / table
+        for due in without_temporaries(self.path.glob(f".*{DUE}{table}")):
+            if (self.path / f"{due.name[1:].removesuffix(DUE + table)}{ENDING}").is_file():  # else it was never written
+                rows = read_episodes(path) if path.is_file() else []
+                (row,) = read_episodes(due)
+                if rows[row.episode : row.episode + 1] != [row]:  # else it was added, and its file was not removed
+                    row = replace(row, episode=len(rows))
+                    write_episodes(due, [row])
+                    write_episodes(path, [*rows, row])
+            due.unlink(missing_ok=True)
 
     def names(self) -> list[str]:
         """Return the names of the flights in the folder, the newest first."""
@@ -243,14 +276,27 @@ class Folder:
             raise ViewerError(f"no flight {name!r} in {self.path}")
         return read_recording(self.path / f"{name}{ENDING}")
 
-    def _free_name(self, recording: Recording) -> str:
-        """Return a name that no flight has yet: who, where, and a number."""
+    @contextmanager
+    def _free_name(self, recording: Recording) -> Iterator[str]:
+        """Yield a name that no flight has yet, who, where, and a number, which no other process is given meanwhile."""
         options = recording.options
         stem = re.sub(r"[^\w.+-]+", "-", f"{options.level}-{options.task}-{recording.pilot}")[:80]
-        number = 1
-        while (self.path / f"{stem}-{number:03d}{ENDING}").exists():
-            number += 1
-        return f"{stem}-{number:03d}"
+        self.path.mkdir(parents=True, exist_ok=True)
+        for number in itertools.count(1):
+            name = f"{stem}-{number:03d}"
+            flight, claim = self.path / f"{name}{ENDING}", self.path / f".{name}.claim"
+            if flight.exists():
+                continue
+            try:
+                claim.touch(exist_ok=False)
+            except FileExistsError:  # another process is writing that flight, or was killed while it did
+                continue
+            try:
+                if not flight.exists():  # it may have been written, and its claim removed, since the first look
+                    yield name
+                    return
+            finally:
+                claim.unlink(missing_ok=True)
 
 
 def _table_of(options: FlightOptions) -> str:

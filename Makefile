@@ -26,10 +26,14 @@ help:
 setup: $(READY)
 
 # An interrupted set-up may leave half-copied packages that pip takes for installed: such a .venv is made afresh.
+# Any other without pip, such as one of another tool, is somebody's own.
 $(READY): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	    { echo "Thalweg needs Python 3.11 or later; '$(PYTHON)' is `$(PYTHON) --version 2>&1 | head -n 1`. Name another: make PYTHON=python3.11" >&2; exit 1; }
-	@if [ -e $(UNFINISHED) ] || ! $(BIN)/python -m pip --version >/dev/null 2>&1; then \
+	@if [ -n "`ls -A $(VENV) 2>/dev/null`" ] && [ ! -e $(UNFINISHED) ] && ! $(BIN)/python -m pip --version >/dev/null 2>&1; then \
+	    echo "There is a $(VENV) without a working pip, which 'make setup' has not left unfinished. Remove it, or run $(BIN)/python -m ensurepip" >&2; exit 1; \
+	fi
+	@if [ -e $(UNFINISHED) ] || [ -z "`ls -A $(VENV) 2>/dev/null`" ]; then \
 	    rm -rf $(VENV) && mkdir $(VENV) && touch $(UNFINISHED) && $(PYTHON) -m venv $(VENV); \
 	fi
 	@touch $(UNFINISHED)

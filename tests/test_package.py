@@ -4,6 +4,7 @@ import ast
 import re
 import shutil
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -40,6 +41,17 @@ def test_the_set_up_says_beforehand_that_it_takes_minutes():
     recipe = subprocess.run(["make", "-n", "-B", "setup"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     before, _, after = recipe.partition("-m pip install")
     assert "takes a few minutes" in before and "is ready" in after
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+def test_the_set_up_leaves_an_environment_of_another_tool_as_it_is(tmp_path: Path):
+    shutil.copy(ROOT / "Makefile", tmp_path)
+    for name in ("requirements.lock", "pyproject.toml", ".venv/mine.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    done = subprocess.run(["make", "setup", f"PYTHON={sys.executable}"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode != 0 and "There is a .venv without a working pip" in done.stderr
+    assert [path.name for path in (tmp_path / ".venv").iterdir()] == ["mine.txt"]
 
 
 def test_module_docstrings_are_statements():

@@ -77,6 +77,21 @@ def test_every_page_of_the_docs_is_in_one_table_of_contents(tmp_path: Path):
     assert [page for page in docs if (page.removesuffix(".md") not in listed) != (f"\n/{page[:-3]}\n" in guides)] == []
 
 
+def test_a_folder_that_was_not_staged_is_left_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "thesis.tex").write_text("mine")
+    monkeypatch.setattr(sys, "argv", ["stage.py", str(tmp_path)])
+    with pytest.raises(SystemExit, match=r"is not empty, and was not staged by this script, which removes"):
+        stage.main()
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_what_is_no_page_any_more_is_removed_from_a_staged_folder(tmp_path: Path):
+    stage.Stage(tmp_path / "site").claim()
+    (tmp_path / "site" / "old.md").write_text("an old page")
+    stage.Stage(tmp_path / "site").gather()
+    assert not (tmp_path / "site" / "old.md").exists() and (tmp_path / "site" / "guides.md").is_file()
+
+
 def test_every_module_that_a_page_imports_from_is_in_the_reference():
     directive = re.compile(r"^\.\. automodule:: (\S+)$", re.MULTILINE)
     named = {

@@ -26,6 +26,14 @@ OTHERS = "@other pages of docs/"
 """Line of a table of contents that stands for the pages of `docs/` that no other table of contents names."""
 
 
+MARK = ".staged"
+"""File that marks a folder of staged pages."""
+
+
+class FolderError(ValueError):
+    """A folder with files that were not staged."""
+
+
 class LinkError(ValueError):
     """A link to a missing file, or an external address that is incomplete."""
 
@@ -156,8 +164,19 @@ class Stage:
             self.write((name.parent / picture).as_posix(), content)
         return self.page(name.as_posix(), text, contents, pictures)
 
+    def claim(self) -> None:
+        """Mark the folder as one of staged pages; raises `FolderError` for one that has something else."""
+        mark = self.folder / MARK
+        if not mark.is_file() and self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
+            raise FolderError(
+                f"{self.folder} is not empty, and was not staged by this script, which removes all that it has not"
+                " written: remove it, or name another folder"
+            )
+        self.write(MARK, "Staged pages: everything here is written anew, or removed.\n")
+
     def gather(self) -> None:
         """Write all pages and what they link to, and remove what was there before."""
+        self.claim()
         own = {path.relative_to(SITE / "pages").as_posix(): path for path in sorted((SITE / "pages").rglob("*.md"))}
         texts = {name: with_parts(path.read_text(encoding="utf-8"), self.root) for name, path in own.items()}
         contents = listed(texts.values())
@@ -202,7 +221,7 @@ def main() -> None:
     folder = parser.parse_args().folder.resolve()
     try:
         Stage(folder).gather()
-    except LinkError as error:
+    except (LinkError, FolderError) as error:
         raise SystemExit(f"stage: {error}") from error
 
 

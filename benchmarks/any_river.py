@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 from package_flight import NAMES
 from page_sections import replace_section
-from river_flights import RESULTS, append, figures_of, fly, fly_cells, mean_return
+from river_flights import RESULTS, append, figures_of, fly, fly_cells, is_begun, mean_return
 
 from thalweg.algos import AlgorithmError
 from thalweg.bench.csv_files import read_csv
@@ -290,7 +290,7 @@ def main() -> str | None:
         parser.error("--episodes must be at least 2, --jobs at least 1")
     if given.steps is not None and given.steps < FULL_SHARE:
         parser.error(f"--steps must be at least {FULL_SHARE}, not {given.steps}")
-    rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
+    rows = read_csv(given.out, COLUMNS) if is_begun(given.out) else []
     if given.write:
         for (page, section), table in zip(PAGES.items(), (page_table(rows), packaged_table(rows)), strict=True):
             write_atomic(page, replace_section(page.read_text(encoding="utf-8"), section, f"{table}\n"))

@@ -181,14 +181,19 @@ def measure(trial: Trial, runs: Path) -> dict[str, str]:
     return identity | scores(result.policy, trial.unseen) | {"seconds": f"{result.seconds:.0f}"}
 
 
+def is_begun(table: Path) -> bool:
+    """Return whether a table has a heading: one that a killed process left empty is as good as none."""
+    return table.is_file() and table.stat().st_size > 0
+
+
 def finished(table: Path) -> set[tuple[str, ...]]:
     """Return the keys of the trials that have a row."""
-    return {tuple(row[name] for name in KEY) for row in read_csv(table, KEY)} if table.is_file() else set()
+    return {tuple(row[name] for name in KEY) for row in read_csv(table, KEY)} if is_begun(table) else set()
 
 
 def append(table: Path, row: Mapping[str, str]) -> None:
-    """Append a row, below a header if the table is new."""
-    new = not table.is_file()
+    """Append a row, below a header if the table is not begun."""
+    new = not is_begun(table)
     with open(table, "a", newline="") as file:
         writer = csv.DictWriter(file, list(row), lineterminator="\n")
         if new:

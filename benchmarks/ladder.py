@@ -27,7 +27,7 @@ from pathlib import Path
 
 from ladder_arms import CELL_KEY, KINDS, NUM_ENVS, VARIED, Arm, Cell, all_arms
 from ladder_page import PAGE, PICTURE, drawn_ladder, written_page
-from river_flights import RESULTS, append, figures_of, fly
+from river_flights import RESULTS, append, figures_of, fly, is_begun
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.evaluation import Label
@@ -176,7 +176,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arms = chosen_arms(given.only, given.steps)
     if not arms:
         parser.error(f"--only {' '.join(given.only)} matches no arm; --list shows their labels")
-    rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
+    rows = read_csv(given.out, COLUMNS) if is_begun(given.out) else []
     if given.write:
         if picture := drawn_ladder(rows):
             write_atomic(PICTURE, picture)

@@ -94,9 +94,14 @@ def fly_cells(
     return failures
 
 
+def is_begun(table: Path) -> bool:
+    """Return whether a table has a heading: one that a killed process left empty is as good as none."""
+    return table.is_file() and table.stat().st_size > 0
+
+
 def append(path: Path, columns: Sequence[str], row: Mapping[str, str]) -> None:
-    """Append a row to a table, with a heading if it is new."""
-    fresh = not path.is_file()
+    """Append a row to a table, with a heading if it is not begun."""
+    fresh = not is_begun(path)
     with open(path, "a", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns, lineterminator="\n")
         if fresh:

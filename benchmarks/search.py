@@ -29,6 +29,7 @@ bound and the policy turned round at once. The bound of 2, which FOCOPS has, dou
 
 import argparse
 import csv
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,21 @@ def run_trial(algorithm: str, number: int, folder: Path) -> dict[str, Any]:
     }
 
 
+def is_begun(table: Path) -> bool:
+    """Return whether a table has a header: one that a killed process left empty is as good as none."""
+    return table.is_file() and table.stat().st_size > 0
+
+
+def append(table: Path, row: Mapping[str, Any]) -> None:
+    """Append a row, below a header if the table is not begun."""
+    new = not is_begun(table)
+    with open(table, "a", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(row), lineterminator="\n")
+        if new:
+            writer.writeheader()
+        writer.writerow(row)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("algorithms", nargs="*", default=list(TRIALS), help="algorithms to search; default: all")
@@ -112,16 +128,11 @@ def main() -> None:
         algorithm = algorithm_named(name).name
         for number, changes in enumerate(TRIALS[algorithm]):
             key = (algorithm, settings_text(changes), str(STEPS))
-            done = read_csv(TABLE, ("algorithm", "changes", "steps")) if TABLE.exists() else []
+            done = read_csv(TABLE, ("algorithm", "changes", "steps")) if is_begun(TABLE) else []
             if any((row["algorithm"], row["changes"], row["steps"]) == key for row in done):
                 continue
             row = run_trial(algorithm, number, given.out / f"{algorithm} {settings_text(changes)}")
-            new = not TABLE.exists()
-            with open(TABLE, "a", newline="") as file:
-                writer = csv.DictWriter(file, list(row), lineterminator="\n")
-                if new:
-                    writer.writeheader()
-                writer.writerow(row)
+            append(TABLE, row)
             print(" ".join(f"{key} {value}" for key, value in row.items()), flush=True)
 
 

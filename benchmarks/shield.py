@@ -28,7 +28,7 @@ import numpy as np
 import torch
 from any_river import Cell
 from page_sections import replace_section
-from river_flights import RESULTS, figures_of, fly_cells, joined
+from river_flights import RESULTS, figures_of, fly_cells, is_begun, joined
 from shield_arms import ARMS, EPISODES, KEY, KINDS, LEVELS, NAMES, Pair, arm_of_file, chosen_arms, names_of, planned
 from shield_page import SIDES, VETOED, page_tables
 
@@ -152,7 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> str | None:
         names = names_of((*ARMS, *others))
     except (ValueError, OSError) as error:
         parser.error(str(error))
-    rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
+    rows = read_csv(given.out, COLUMNS) if is_begun(given.out) else []
     if given.write:
         page = replace_section(PAGE.read_text(encoding="utf-8"), SECTION, page_tables(rows, names) + "\n")
         write_atomic(PAGE, page)

@@ -22,7 +22,7 @@ import numpy as np
 from ladder import COLUMNS, Task, missing_cells, status_of
 from ladder_arms import CELL_KEY, FIXED, Arm
 from page_sections import replace_section
-from river_flights import mean_return
+from river_flights import is_begun, mean_return
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.report.policies import CRITICS_SEE
@@ -165,7 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = [arm for arm in checks() if any(fnmatch.fnmatchcase(label(arm), pattern) for pattern in given.only)]
     if not chosen:
         parser.error(f"--only {' '.join(given.only)} matches no check; --list shows their labels")
-    rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
+    rows = read_csv(given.out, COLUMNS) if is_begun(given.out) else []
     if given.write:
         write_atomic(PAGE, written_page(PAGE.read_text(encoding="utf-8"), rows))
         return 0

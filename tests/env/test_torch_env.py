@@ -1,6 +1,11 @@
 """Environments of tensors on the CPU: the rules and frames of the Gymnasium ones, begins that depend on nothing else,
 and what is refused. The same on a GPU: tests/cuda."""
 
+import copy
+import pickle
+from collections.abc import Callable
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
@@ -16,6 +21,7 @@ from thalweg.env.config import ConfigError, EnvConfig
 from thalweg.env.device.memory import bytes_per_env, check_memory
 from thalweg.env.initial_poses import CLOCK_RANGE_S, check_pose
 from thalweg.env.observation import PARTS
+from thalweg.env.physics.wind import Wind
 from thalweg.env.snapshot import StateError
 from thalweg.env.spaces import ActionError
 from thalweg.env.task.course_arrays import pack_courses
@@ -236,6 +242,44 @@ def test_a_state_resumes_bit_for_bit_in_another_environment():
     for chosen in some[30:]:
         ours, theirs = env.step(chosen), other.step(chosen)
         assert torch.equal(ours[0], theirs[0]) and torch.equal(ours[1], theirs[1])
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, copy.copy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"observation": ("mask", "privileged", "proprioception"), "critic_info": True},
+        {"task": "Portage", "wind": Wind(), "dynamics": "inertial", "action": "continuous"},
+    ],
+    ids=["seen and felt", "forces"],
+)
+def test_a_copy_continues_bit_for_bit_and_apart(copied: Callable[[Any], Any], options: dict):
+    env = made(**options)
+    env.reset(seed=0)
+    some = actions(1, 30)
+    if env.config.action == "continuous":
+        some = some - 1.0
+    for chosen in some[:15]:
+        env.step(chosen)
+    twin = copied(env)
+    expected = [flat(env.step(chosen)) for chosen in some[15:]]
+    for chosen, ours in zip(some[15:], expected, strict=True):
+        assert torch.equal(flat(twin.step(chosen)), ours)
+    assert not torch.equal(expected[0], expected[-1])
+
+
+def test_a_copy_of_an_environment_before_its_first_reset_needs_one_too():
+    twin = copy.deepcopy(made())
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        twin.step(actions(0, 1)[0])
+    assert torch.equal(twin.reset(seed=4)[0], made().reset(seed=4)[0])
+
+
+def flat(result: Any) -> torch.Tensor:
+    """All numbers of a result of `step`, as one vector."""
+    if isinstance(result, torch.Tensor):
+        return result.double().flatten()
+    return torch.cat([flat(part) for part in (result.values() if isinstance(result, dict) else result)])
 
 
 def test_a_state_that_does_not_fit_is_refused_by_name():

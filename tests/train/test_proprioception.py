@@ -1,5 +1,6 @@
 """Tests of policies that take proprioception beside codes or the privileged observation."""
 
+import copy
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -127,6 +128,9 @@ def test_environments_of_tensors_have_the_same_observations(parts: Any, wrapped:
         assert torch.equal(ours, torch.cat([first(theirs), theirs["proprioception"]], 1))
         assert ours.shape[1:] == env.single_observation_space.shape
         ours, theirs = (each.step(torch.zeros(3, 4, dtype=torch.int64))[0] for each in (env, plain))
+    twin = copy.deepcopy(env)
+    ours, theirs = (each.step(torch.zeros(3, 4, dtype=torch.int64))[0] for each in (env, twin))
+    assert torch.equal(ours, theirs)
 
 
 def test_a_run_is_that_on_the_joined_environment_and_says_so(tmp_path: Path, rings: None):

@@ -43,6 +43,11 @@ from thalweg.render.records.pinhole import CameraMatrices
 from thalweg.world.record import World
 
 Info = dict[str, Tensor]
+ALLOCATED = (
+    "_launcher", "_observer", "_segments", "_greatest_way", "_max_steps", "_courses", "_forces", "_arguments",
+    "_actions", "_blowing",
+)  # fmt: skip
+"""Attributes that are, or view, the memory of one environment: a copy has its own."""
 
 
 class TensorRiverEnv:
@@ -84,12 +89,7 @@ class TensorRiverEnv:
         """Names of the K kinds of `info["costs"]`."""
         self.device = torch.device(resolve_device(device))
         courses = pack_courses(self.worlds, config)
-        self._launcher = Launcher(self.device, self.num_envs)
-        self._observer = TensorObserver(self.worlds, self.num_envs, config, self._launcher)
-        shared = 0
-        if self.device.type != "cpu" and config.channels:
-            shared = self._observer.renderer.scratch_bytes
-        check_memory(self.num_envs, bytes_per_env(courses, config, BUFFERS), shared, free_bytes(self.device))
+        self._connect(courses)
         for index, world in enumerate(self.worlds):  # a reset on the device cannot report that there is no safe start
             river = world.label
             random_start(courses, index, config, self.limits, np.random.default_rng(index), river)
@@ -104,6 +104,15 @@ class TensorRiverEnv:
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         if config.critic_info:
             self.single_critic_space = critic_space(config.observation, config.task, config.vehicle)
+
+    def _connect(self, courses: CourseArrays) -> None:
+        """Create what launches and observes on the device; raises `ConfigError` if its memory does not suffice."""
+        self._launcher = Launcher(self.device, self.num_envs)
+        self._observer = TensorObserver(self.worlds, self.num_envs, self.config, self._launcher)
+        shared = 0
+        if self.device.type != "cpu" and self.config.channels:
+            shared = self._observer.renderer.scratch_bytes
+        check_memory(self.num_envs, bytes_per_env(courses, self.config, BUFFERS), shared, free_bytes(self.device))
 
     def _allocate(self, courses: CourseArrays) -> None:
         """Create the tensors of all episodes, and the kernels' views of them."""
@@ -147,6 +156,21 @@ class TensorRiverEnv:
             arrays["ended"],
         )
         """Arguments of `advance_all`, or with forces of `advance_pushed_all`, after the actions."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the attributes for copies and pickles: without those of `ALLOCATED`, but with the tensors' values as
+        arrays on the host."""
+        kept = {name: value for name, value in self.__dict__.items() if name not in ALLOCATED}
+        return kept | {"_tensors": {name: tensor.cpu().numpy().copy() for name, tensor in self._tensors.items()}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the attributes of `__getstate__`, and allocate the others anew on the same device."""
+        self.__dict__.update(state)
+        values, courses = state["_tensors"], pack_courses(self.worlds, self.config)
+        self._connect(courses)
+        self._allocate(courses)
+        for name, tensor in self._tensors.items():
+            tensor.copy_(torch.from_numpy(values[name]))
 
     @property
     def camera_matrices(self) -> CameraMatrices:

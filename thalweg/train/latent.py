@@ -14,7 +14,7 @@ from torch import Tensor
 
 from thalweg.core.compute.device import DeviceError
 from thalweg.train.errors import TrainingError
-from thalweg.train.numbers import FORWARDED
+from thalweg.train.numbers import FORWARDED, attribute_of
 from thalweg.train.parts import ObservationParts, joined, vector_space
 from thalweg.train.rollouts.stage_timer import StageTimer
 
@@ -160,7 +160,7 @@ class LatentTensorEnv:
         return self._latents(obs), *rest
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self.env, name)
+        return attribute_of(self, name)
 
     def _latents(self, obs: Any) -> Tensor:
         with self._timer.measure("encode"):

@@ -14,6 +14,16 @@ FORWARDED = ("get_state", "set_state", "pilot_actions", "single_critic_space")
 """Attributes beyond Gymnasium's interface that a wrapper has if the environment has them."""
 
 
+def attribute_of(wrapper: Any, name: str) -> Any:
+    """Return an attribute of the environment in a wrapper that has none of that name.
+
+    A copy asks for attributes before its own exist, `env` among them.
+    """
+    if "env" not in wrapper.__dict__:
+        raise AttributeError(f"{type(wrapper).__name__} has no {name} without an environment")
+    return getattr(wrapper.env, name)
+
+
 def _numbers_of(env: Any) -> ObservationParts:
     """Return the parts of observations that are numbers only; raises `TrainingError` for any other."""
     parts = ObservationParts(env.single_observation_space)
@@ -76,4 +86,4 @@ class NumbersTensorEnv:
         return self._parts.numbers(obs), *rest
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self.env, name)
+        return attribute_of(self, name)

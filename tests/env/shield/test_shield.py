@@ -283,6 +283,45 @@ def test_bad_input_is_refused():
         ShieldConfig(margin_m=-1.0)
 
 
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ([2], r"different numbers from 0 to 1, not \[2\]"),
+        ([-1], r"different numbers from 0 to 1, not \[-1\]"),
+        ([1, 1], r"different numbers from 0 to 1, not \[1, 1\]"),
+        ([2**63], "different numbers from 0 to 1"),
+        ([False, True], r"not bool \[2\]: give np.flatnonzero\(mask\) for a mask"),
+        ([1.0], r"whole numbers \[K\], not float64 \[1\]"),
+        ([[0]], r"whole numbers \[K\], not int64 \[1, 1\]"),
+        (0, r"whole numbers \[K\], not int64 \[\]"),
+    ],
+)
+def test_rows_of_no_vehicle_are_refused_before_anything_changes(rows: Any, message: str):
+    shield = Shield(2)
+    shield.vehicles.pose[:] = 3.0
+    rows = np.array(rows)
+    masks, heights = np.zeros((rows.size, 128, 128), np.uint8), np.ones(rows.size)
+    with pytest.raises(ConfigError, match=message):
+        shield.screen(rows, masks, heights, np.array([STAY] * rows.size))
+    with pytest.raises(ConfigError, match=message):
+        shield.begin(rows)
+    assert (shield.vehicles.pose == 3.0).all() and (shield.maps.corner == Shield(1).maps.corner).all()
+
+
+@pytest.mark.parametrize("height", [np.nan, np.inf])
+def test_a_height_that_is_not_finite_is_refused(height: float):
+    mask = np.zeros((1, 128, 128), np.uint8)
+    with pytest.raises(ConfigError, match=rf"heights must be finite, not \[{height}\]"):
+        Shield(1).screen(ROW, mask, np.array([height]), np.array([STAY]))
+
+
+def test_no_rows_at_all_are_fine():
+    shield = Shield(2)
+    shield.begin(np.array([]))
+    none = np.zeros((0, 128, 128), np.uint8)
+    assert shield.screen([], none, np.zeros(0), np.zeros((0, 4), np.int64)).actions.shape == (0, 4)  # pyright: ignore
+
+
 def test_a_camera_with_a_lens_is_refused():
     with pytest.raises(ConfigError, match="masks of a pinhole, not of a camera with a lens"):
         Shield(1, EnvConfig(camera=Camera(lens=Lens("plumb_bob", (-0.2,)))))

@@ -73,8 +73,9 @@ class Shield:
         self.optics.half_width[:], self.optics.half_height[:] = rows[:, HALF_W], rows[:, HALF_H]
 
     def begin(self, rows: np.ndarray) -> None:
-        """Forget everything about the vehicles `rows` [K], which are at their starts."""
-        for row in rows:
+        """Forget everything about the vehicles `rows` [K], which are at their starts; raises `ConfigError` for rows that
+        are not whole numbers from 0 on below N, each of them once."""
+        for row in self._checked(rows):
             forget(self.maps, int(row))
             self.vehicles.pose[row], self.vehicles.tail[row], self.vehicles.held[row] = 0.0, 0.0, 0
 
@@ -100,14 +101,19 @@ class Shield:
             actions: [K, 4] integers, their proposed moves.
             log_probs: [K, 4, 3] float64, or None.
 
-        Raises `ConfigError` for masks or heights of another shape, and `ActionError` for a bad action.
+        Raises `ConfigError` for rows as in `begin`, masks or heights of another shape, or a height that is not finite,
+        and `ActionError` for a bad action.
         """
+        rows = self._checked(rows)
         count = len(rows)
         if masks.ndim != 3 or len(masks) != count or masks.dtype != np.uint8 or np.shape(heights) != (count,):
             raise ConfigError(
                 f"{count} vehicles need masks uint8 [{count}, H, W] and heights [{count}], got {masks.dtype}"
                 f" {list(masks.shape)} and {list(np.shape(heights))}"
             )
+        heights = np.ascontiguousarray(heights, np.float64)
+        if not np.isfinite(heights).all():
+            raise ConfigError(f"heights must be finite, not {heights.tolist()}")
         proposed = to_unit_actions("multidiscrete", actions, count)
         worths = np.zeros((count, len(MOVES_FLOAT64)))
         if log_probs is not None:
@@ -116,10 +122,10 @@ class Shield:
         made, verdicts = np.empty((count, 4)), np.empty(count, np.int64)
         _screen_all(
             (self.maps, self.vehicles, self.optics),
-            np.ascontiguousarray(rows, np.int64),
+            rows,
             np.ascontiguousarray(masks),
             np.empty(masks.shape[1:], np.uint8),
-            np.ascontiguousarray(heights, np.float64),
+            heights,
             (self.bounds, self.limits),
             (MOVES_FLOAT64, worths, log_probs is not None),
             proposed,
@@ -128,6 +134,19 @@ class Shield:
         # What is not vetoed stays as it was proposed, backward moves included.
         kept = (verdicts == PERMITTED)[:, None]
         return Screened(np.where(kept, actions, (1 - made).astype(np.int64)), verdicts)
+
+    def _checked(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows [K] as int64, in which kernels index without a check; raises `ConfigError`."""
+        found = np.asarray(rows)
+        if found.ndim != 1 or (found.dtype.kind not in "iu" and found.size):
+            raise ConfigError(
+                f"rows must be indices of vehicles, whole numbers [K], not {found.dtype} {list(found.shape)}"
+                + (": give np.flatnonzero(mask) for a mask" if found.dtype == np.bool_ else "")
+            )
+        outside = (found < 0) | (found >= self.count)
+        if outside.any() or len(np.unique(found)) != len(found):
+            raise ConfigError(f"rows must be different numbers from 0 to {self.count - 1}, not {found.tolist()}")
+        return np.ascontiguousarray(found, np.int64)
 
     def _with_dead_option_merged(self, log_probs: np.ndarray) -> np.ndarray:
         """Return logarithmic probabilities [K, 4, 3] in which, where the third option forward is dead, the second one,

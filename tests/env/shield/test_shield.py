@@ -11,7 +11,7 @@ from thalweg.env import EnvConfig
 from thalweg.env.config import ConfigError
 from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.shield.config import ShieldConfig
-from thalweg.env.shield.moves import DEAD_END, HEIGHT, LAND, PERMITTED, TURN
+from thalweg.env.shield.moves import DEAD_END, HEIGHT, LAND, PERMITTED, TURN, Vehicles, advance
 from thalweg.env.shield.shield import Shield
 from thalweg.env.shield.water_map import CELL_M
 from thalweg.env.spaces import ActionError, to_unit_actions
@@ -163,6 +163,25 @@ def beyond_the_edge(patience: int) -> float:
 def test_what_may_be_a_bridge_holds_the_vehicle_for_a_while_only():
     assert beyond_the_edge(patience=1000) < 6.0
     assert beyond_the_edge(patience=5) > 12.0
+
+
+def test_a_fast_step_that_is_not_made_counts_as_a_move_forward_and_one_that_is_made_resets_the_count():
+    limits = EnvConfig(task="Swimmers").limits
+    vehicles = Vehicles(np.zeros((1, 4)), np.zeros((1, 2)), np.array([3]))
+    fast, stay = (UnitAction(0.0, 0.0, forward, 0.0) for forward in (-1.0, 0.0))
+    advance(vehicles, 0, limits, fast, LAND, stay)
+    assert vehicles.held[0] == 4 and vehicles.pose[0, 0] == 0.0
+    advance(vehicles, 0, limits, fast, PERMITTED, fast)
+    assert vehicles.held[0] == 0 and vehicles.pose[0, 0] == 2.0
+
+
+def test_a_move_backward_is_none_forward():
+    limits = EnvConfig(allow_backward=True).limits
+    vehicles = Vehicles(np.zeros((1, 4)), np.zeros((1, 2)), np.array([3]))
+    back, stay = (UnitAction(0.0, 0.0, forward, 0.0) for forward in (-1.0, 0.0))
+    advance(vehicles, 0, limits, back, LAND, stay)
+    advance(vehicles, 0, limits, back, PERMITTED, back)
+    assert vehicles.held[0] == 3 and vehicles.pose[0, 0] == -1.0
 
 
 def test_land_beyond_water_holds_the_vehicle_for_good():

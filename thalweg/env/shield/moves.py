@@ -7,7 +7,7 @@ import numpy as np
 
 from thalweg.core.compute.jit import kernel
 from thalweg.env.shield.water_map import GUESS, odds_at, was_veiled
-from thalweg.env.task.motion import Pose, UnitAction, move, wrap_angle
+from thalweg.env.task.motion import Pose, UnitAction, metres_forward, move, wrap_angle
 
 PERMITTED, LAND, DEAD_END, HEIGHT, TURN = range(5)
 """Why a move is vetoed: it leaves the water, or comes nearer to the shore than the margin; no flight goes on after it;
@@ -176,9 +176,9 @@ def change_of(vehicles, row, limits, action, other):
 def advance(vehicles, row, limits, proposed, verdict, action):
     """Move vehicle `row` by a `UnitAction` in place of the proposed one, on which the verdict was passed, and the rope
     with it."""
-    if action.forward > 0.0:
+    if metres_forward(action, limits) > 0.0:
         vehicles.held[row] = 0
-    elif proposed.forward > 0.0 and verdict != HEIGHT:
+    elif metres_forward(proposed, limits) > 0.0 and verdict != HEIGHT:
         vehicles.held[row] += 1
     before = Pose(vehicles.pose[row, 0], vehicles.pose[row, 1], vehicles.pose[row, 2], vehicles.pose[row, 3])
     after = move(before, action, limits)

@@ -7,12 +7,13 @@ from typing import Any, Protocol
 
 import numpy as np
 import torch
-from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
+from gymnasium.vector import AutoresetMode, VectorEnv
 
 from thalweg.algos.interface import Learner, Rollout
 from thalweg.algos.policy.policy import to_tensors
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.train.errors import ResumeWarning, TrainingError
+from thalweg.train.rollouts.env_attributes import env_attribute
 from thalweg.train.rollouts.env_stepper import EnvStepper
 from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics
 from thalweg.train.rollouts.rollout_buffer import RolloutBuffer
@@ -190,6 +191,4 @@ def world_names(env: Any) -> list[str]:
 
 def done_reason_names(env: Any) -> Mapping[int, str]:
     """Return the environment's names for the codes of `info["done_reason"]`; empty if it has none."""
-    base: Any = getattr(env, "unwrapped", env)
-    one = base.envs[0].unwrapped if isinstance(base, SyncVectorEnv) else base
-    return getattr(one, "done_reasons", {})
+    return env_attribute(env, "done_reasons", {})

@@ -9,11 +9,12 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
 from thalweg.algos.common.errors import NotFiniteError
 from thalweg.train.errors import TrainingError
+from thalweg.train.rollouts.env_attributes import env_attribute
 
 KEY = "critic_obs"
 
@@ -21,13 +22,13 @@ KEY = "critic_obs"
 def critic_size(env: Any) -> int:
     """Return C, how many numbers an environment tells critics beyond the observation; 0 if it tells none.
 
-    A `SyncVectorEnv` tells what its environments do, which say so by `critic_space`. Raises `TrainingError` for a space
-    that is not a Box of numbers.
+    Gymnasium's vectors of single environments tell what these do, which say so by `critic_space`. Raises
+    `TrainingError` for a space that is not a Box of numbers.
     """
     base = getattr(env, "unwrapped", env)
     space = getattr(env, "single_critic_space", getattr(base, "single_critic_space", None))
-    if space is None and isinstance(base, SyncVectorEnv) and base.envs[0].has_wrapper_attr("critic_space"):
-        space = base.envs[0].get_wrapper_attr("critic_space")
+    if space is None:
+        space = env_attribute(env, "critic_space")
     if space is None:
         return 0
     if not isinstance(space, gym.spaces.Box) or len(space.shape) != 1:

@@ -17,6 +17,7 @@ from thalweg.algos.common.errors import NotFiniteError
 from thalweg.algos.policy.memory import FrameStack
 from thalweg.train.errors import TrainingError
 from thalweg.train.rollouts.critic_info import CriticInfo
+from thalweg.train.rollouts.env_attributes import env_attribute
 from thalweg.train.rollouts.episodes import StepRecord
 from thalweg.train.rollouts.images import ImageStack
 
@@ -62,7 +63,7 @@ class EnvStepper:
         """[N] environments whose next step only resets them (NEXT_STEP)."""
         self._critics = CriticInfo(env, self.mode) if critics else None
         self._steps, self._cost_seen = 0, False
-        self._kinds = len(getattr(getattr(env, "unwrapped", env), "cost_kinds", ("tight", "loose")))
+        self._kinds = len(env_attribute(env, "cost_kinds", ("tight", "loose")))
         # Somebody else's environment may mean something else by info["river"].
         self._changes_river = bool(getattr(getattr(env, "unwrapped", env), "river_names", None))
 

@@ -1,6 +1,8 @@
 """Compiling: of the right types, in another process, so that worlds and frames are the same in all of them."""
 
+import copy
 import os
+import pickle
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -13,6 +15,7 @@ import pytest
 from tests.render.plain import plane, plants_at
 from thalweg.render import Camera, Renderer, compilation
 from thalweg.render.bake.scene_tables import build_scene
+from thalweg.render.batch import draw_jobs
 from thalweg.render.records.scene import Scene
 
 FIRST_FRAMES = """
@@ -47,6 +50,15 @@ def test_the_kernel_is_compiled_for_the_types_with_which_it_is_called():
     blank = compilation.arguments()[0]
     types = {name: (numba.typeof(getattr(real, name)), numba.typeof(getattr(blank, name))) for name in Scene._fields}
     assert {name: found for name, found in types.items() if found[0] != found[1]} == {}
+
+
+def test_a_copy_of_a_renderer_draws_with_the_kernel_that_is_compiled():
+    pose = np.array([[0.0, 0.0, 2.0, 0.0]])
+    one = Renderer([plane(plants=plants_at([(5.0, 0.0)], 3))], Camera(32, 32))
+    frame, compiled = one.render(pose), len(draw_jobs.signatures)
+    for twin in (copy.deepcopy(one), pickle.loads(pickle.dumps(one))):
+        np.testing.assert_array_equal(twin.render(pose), frame)
+    assert len(draw_jobs.signatures) == compiled
 
 
 @pytest.mark.parametrize("count", [1, 3])

@@ -73,8 +73,10 @@ class Shield:
         self.optics.half_width[:], self.optics.half_height[:] = rows[:, HALF_W], rows[:, HALF_H]
 
     def begin(self, rows: np.ndarray) -> None:
-        """Forget everything about the vehicles `rows` [K], which are at their starts; raises `ConfigError` for rows that
-        are not whole numbers from 0 on below N, each of them once."""
+        """Forget everything about the vehicles `rows` [K], which are at their starts.
+
+        Raises `ConfigError` for rows that are not different whole numbers from 0 to N - 1.
+        """
         for row in self._checked(rows):
             forget(self.maps, int(row))
             self.vehicles.pose[row], self.vehicles.tail[row], self.vehicles.held[row] = 0.0, 0.0, 0

@@ -126,7 +126,8 @@ def build_scene(worlds: Sequence[World]) -> Scene:
         # Worlds under a sun of the same height share one atlas.
         atlas = impostors.atlas(world.sun_elevation)
         if id(atlas) not in atlases:
-            atlas_level = atlas.offset
+            # A copy of a scene is writeable, which is part of the type that kernels are compiled for.
+            atlas_level = atlas.offset.copy()
             atlases[id(atlas)] = tables.add("atlas", atlas.packed), tables.add("shade", atlas.shade.reshape(-1, 3))
             tables.add("outlines", outlines.of_atlas(atlas))
         extent[ATLAS_AT], extent[SHADE_AT] = atlases[id(atlas)]

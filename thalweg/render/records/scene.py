@@ -66,6 +66,4 @@ def blank_scene() -> Scene:
     packed = "top", "depth", "paint", "canopy", "canopy_paint", "sky", "clouds", "ripples", "atlas"
     types |= dict.fromkeys(packed, (np.uint32, 1))
     blank = {name: np.zeros((1,) * rank, kind) for name, (kind, rank) in types.items()}
-    # The atlas is read-only, which is part of the type that kernels are compiled for.
-    blank["atlas_level"].setflags(write=False)
     return Scene(**{name: blank.get(name, np.zeros(1, f32)) for name in Scene._fields})

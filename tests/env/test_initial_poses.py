@@ -6,6 +6,7 @@ from dataclasses import replace
 import gymnasium
 import numpy as np
 import pytest
+import torch
 
 from tests.env.handmade import canal, ring
 from tests.env.winding import river
@@ -14,6 +15,7 @@ from thalweg.env.initial_poses import CLOCK_RANGE_S, begin_at_pose, check_pose
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.termination import island_at
+from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.world.bridges import bridge_across
 
 BRIDGE = bridge_across(np.array([20.0, 0.0]), np.array([1.0, 0.0]), 6.0, 0.0, np.random.default_rng(1))[None]
@@ -133,6 +135,34 @@ def test_random_starts_are_safe_with_clearance_and_spread_over_everything():
     assert heights.max() > 14.5
     assert 75.0 < off.max() < 90.0
     assert 400 < along.sum() < 600
+
+
+def at_station(pose: np.ndarray) -> bool:
+    """Whether a pose in a canal of 60 m lies within 3 m of the station, 2 m before the end that it heads for."""
+    ahead = pose[0] if math.cos(pose[3]) < 0.0 else 60.0 - pose[0]
+    return ahead <= 5.0
+
+
+def test_a_start_in_an_open_course_lies_before_the_station_and_is_else_that_of_other_tasks():
+    starts = {task: sample_starts(canal(), 400, seed=0, config=EnvConfig(task=task)) for task in ("River", "Portage")}
+    moved = np.array([at_station(pose) for pose in starts["River"]])
+    assert 10 < moved.sum() < 60 and not any(at_station(pose) for pose in starts["Portage"])
+    assert np.array_equal(starts["River"][~moved], starts["Portage"][~moved])
+
+
+@pytest.mark.parametrize("world", [ring(), river("Easy", 0)], ids=["ring", "Easy"])
+def test_starts_in_a_loop_are_those_of_other_tasks(world):
+    ours, theirs = (sample_starts(world, 200, seed=0, config=EnvConfig(task=task)) for task in ("Portage", "River"))
+    assert np.array_equal(ours, theirs)
+
+
+def test_no_episode_of_portage_in_an_open_course_ends_in_a_step_that_stays():
+    env = RiverVectorEnv(canal(), 200, EnvConfig(observation="none", task="Portage"))
+    env.reset(seed=0)
+    assert not env.step(np.ones((200, 4), np.int64))[2].any()
+    tensors = TensorRiverEnv(canal(), 200, EnvConfig(observation="none", task="Portage"), device="cpu")
+    tensors.reset(seed=0)
+    assert not tensors.step(torch.ones(200, 4, dtype=torch.int64))[2].any()
 
 
 def test_a_start_depends_on_the_seed_and_its_number_alone():

@@ -13,7 +13,9 @@ from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DEFAULT_CONFIG, EnvConfig, Limits
 from thalweg.env.task.ashore import project_anywhere
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
+from thalweg.env.task.ideal_eye import arc_length
 from thalweg.env.task.motion import Pose, wrap_angle
+from thalweg.env.task.priced.station import REACHED_M, station_of, way_to
 from thalweg.env.task.progress import (
     Projection,
     course_direction,
@@ -88,6 +90,14 @@ def propose_start(courses, world, limits, spread, draws):
     return Pose(x, y, z, wrap_angle(course + way + (2.0 * draws[3] - 1.0) * spread)), centre.segment
 
 
+@kernel(fastmath=False, allocates=False)
+def is_at_station(courses, world, projection, travel):
+    """Return whether an episode that starts at a `Projection` has reached its station; travel: 1 or -1."""
+    station = station_of(courses, world, projection, travel)
+    way, _ = way_to(courses, world, arc_length(courses, world, projection), station)
+    return way <= REACHED_M
+
+
 @kernel(fastmath=False)
 def try_start(courses, world, limits, spread, clearance, draws, out):
     """Return whether uniform numbers draws [DRAWS] give a safe start with a clearance (metres); write it to out [4]."""
@@ -105,6 +115,8 @@ def try_start(courses, world, limits, spread, clearance, draws, out):
         return False
     # On an open course the last segment is the goal.
     if courses.closed[world] == 0 and projection.segment == last_segment(courses, world, travel):
+        return False
+    if limits.task.portage != 0 and is_at_station(courses, world, projection, travel):
         return False
     if limits.is_boat != 0:
         free = boat_can_set_off(courses, world, limits, projection, travel, pose, clearance)

@@ -165,6 +165,27 @@ def test_no_episode_of_portage_in_an_open_course_ends_in_a_step_that_stays():
     assert not tensors.step(torch.ones(200, 4, dtype=torch.int64))[2].any()
 
 
+@pytest.mark.parametrize(
+    ("task", "pose", "message"),
+    [
+        ("River", (59.5, 0.0, 5.0, 0.0), "lies in the last segment of the course in the direction of travel"),
+        ("River", (0.5, 0.0, 5.0, math.pi), "lies in the last segment of the course in the direction of travel"),
+        ("Portage", (55.5, 0.0, 5.0, 0.0), "lies within 3 m of the station"),
+        ("Portage", (4.5, 0.0, 5.0, math.pi), "lies within 3 m of the station"),
+    ],
+)
+def test_a_pose_at_the_goal_is_refused_and_one_before_it_or_away_from_it_is_none(task, pose, message):
+    env = RiverVectorEnv(canal(), 1, EnvConfig(observation="none", task=task))
+    with pytest.raises(
+        UnsafePoseError, match=rf"\({pose[0]:.2f}, 0.00\) {message}, where an episode ends as a success"
+    ):
+        env.reset(options={"pose": pose})
+    before = pose[0] + (1.0 if pose[3] else -1.0)
+    for safe in ((before, *pose[1:]), (*pose[:3], math.pi - pose[3])):
+        env.reset(seed=0, options={"pose": safe})
+        assert not env.step(np.ones((1, 4), np.int64))[2].any()
+
+
 def test_a_start_depends_on_the_seed_and_its_number_alone():
     world = ring()
     assert np.array_equal(sample_starts(world, 3, seed=7), sample_starts(world, 10, seed=7)[:3])

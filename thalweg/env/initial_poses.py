@@ -215,6 +215,19 @@ def check_pose(courses: CourseArrays, world: int, config: EnvConfig, pose: np.nd
             f"heading {angle:.4g} degrees off the course is above"
             f" max_yaw_deviation_deg = {config.max_yaw_deviation_deg:g}"
         )
+    _check_goal(courses, world, config, Pose(x, y, z, yaw), projection)
+
+
+def _check_goal(courses: CourseArrays, world: int, config: EnvConfig, pose: Pose, projection: Projection) -> None:
+    """Raise `UnsafePoseError` if an episode that starts at a pose is a success at once."""
+    travel = travel_direction(courses, world, projection, pose.yaw)
+    if config.task_record.portage:
+        at_goal, goal = is_at_station(courses, world, projection, travel), f"within {REACHED_M:g} m of the station"
+    else:
+        at_goal = not courses.closed[world] and projection.segment == last_segment(courses, world, travel)
+        goal = "in the last segment of the course in the direction of travel"
+    if at_goal:
+        raise UnsafePoseError(f"({pose.x:.2f}, {pose.y:.2f}) lies {goal}, where an episode ends as a success at once")
 
 
 def _check_volume(courses: CourseArrays, world: int, config: EnvConfig, pose: Pose, projection: Projection) -> None:

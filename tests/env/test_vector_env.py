@@ -108,6 +108,13 @@ def test_step_before_reset_is_refused():
         RiverVectorEnv(canal(), 1, NONE).step(np.array([HOVER]))
 
 
+def test_its_own_generator_is_that_of_the_seed():
+    env = RiverVectorEnv(canal(), 2, NONE)
+    env.reset(seed=7)
+    assert env.np_random_seed == 7
+    assert env.np_random.integers(2**62) == np.random.default_rng(7).integers(2**62)
+
+
 def test_an_environment_flies_alike_alone_and_among_others():
     many = RiverVectorEnv([ring(), hairpin()], 6, NONE)
     alone = RiverVectorEnv(hairpin(), 1, NONE)

@@ -165,7 +165,7 @@ class RiverVectorEnv(VectorEnv):
         for row, generator in [(row, seeding.np_random(seeds[row])[0]) for row in reseeded]:
             self.episodes.reseed(row, generator)
         if isinstance(seed, int | np.integer):
-            self._np_random_seed = int(seed)
+            self._np_random, self._np_random_seed = seeding.np_random(int(seed))
         return self.start_episodes(rows, poses)
 
     def start_episodes(self, rows: Sequence[int], poses: np.ndarray | None) -> tuple[Any, dict[str, Any]]:

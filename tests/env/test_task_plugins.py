@@ -77,6 +77,12 @@ def test_runs_and_suites_bear_its_version_and_source(nests: Path):
     assert (made["HighNests"], made["props"]) == (1, current_versions("train", ["PPO"], task="Nests")["props"])
 
 
+def test_a_whole_number_of_metres_is_the_same_task():
+    whole, real = (replace(TASKS["Nests"], reserve_height_m=metres) for metres in (6, 6.0))
+    assert TaskPlugin("Mine", whole, "a test", 1).task == real
+    assert [type(number) for number in whole.rules(hard=False)] == [type(number) for number in real.rules(hard=False)]
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -85,6 +91,26 @@ def test_runs_and_suites_bear_its_version_and_source(nests: Path):
         ({"task": "Nests"}, "the task of Mine is 'Nests'; it must be a thalweg.env.tasks.Task"),
         ({"task": replace(TASKS["Nests"], kind="tight")}, "kind of Mine is 'tight'; name the cost of its steps"),
         ({"task": Task(kind="own")}, "Mine has the rules of no task"),
+        *[
+            (
+                {"task": replace(TASKS[base], **{field: value})},
+                f"{field} of Mine is {value!r}; it must be {needed}",
+            )
+            for base, field, value, needed in (
+                ("RacingLine", "clearance_m", -2.5, "a finite number of 0 or more"),
+                ("RacingLine", "fast_step_m", float("inf"), "a finite number of 0 or more"),
+                ("Nests", "view_height_m", float("nan"), "a finite number of 0 or more"),
+                ("Nests", "reserve_share", 1.5, "a finite number from 0 to 1"),
+                ("Nests", "reserve_period_m", 0.0, "a finite number above 0"),
+                ("Nests", "reserve_height_m", "8", "a finite number of 0 or more"),
+                ("Nests", "reserve_height_m", True, "a finite number of 0 or more"),
+                ("Swimmers", "deadline_steps_per_m", -0.6, "a finite number of 0 or more"),
+                ("Swimmers", "props", 24.0, "a whole number of 0 or more"),
+                ("Swimmers", "props", -1, "a whole number of 0 or more"),
+                ("Portage", "portage", 1, "true or false"),
+                ("Nests", "kind", 3, "a text"),
+            )
+        ],
         ({"task": replace(TASKS["Nests"], clearance_m=2.0)}, "Mine has the rules of no task"),
     ],
 )

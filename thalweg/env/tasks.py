@@ -5,6 +5,7 @@ in all. In the paper's task, `River`, only the end of an episode has a cost. In 
 the greatest return breaks the limit, which can be met by returning less.
 """
 
+import math
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -79,11 +80,11 @@ class Task:
     def rules(self, *, hard: bool) -> TaskRules:
         """Return the numbers of this task as the kernels take them."""
         return TaskRules(
-            self.fast_step_m,
-            self.passing_distance_m,
-            self.view_height_m,
-            self.reserve_height_m,
-            self.clearance_m,
+            float(self.fast_step_m),
+            float(self.passing_distance_m),
+            float(self.view_height_m),
+            float(self.reserve_height_m),
+            float(self.clearance_m),
             int(self.portage),
             int(bool(self.kind)),
             int(hard),
@@ -122,7 +123,8 @@ FREE = ("kind", "deadline_steps_per_m")
 class TaskPlugin:
     """A task from outside the package: other numbers for the rules of a task of the package.
 
-    Raises `PluginError` for a name that is taken, a version below 1, and a task whose rules are those of no other.
+    Raises `PluginError` for a name that is taken, a version below 1, a number of the task of another type or out of
+    range, and a task whose rules are those of no other.
     """
 
     name: str
@@ -138,6 +140,7 @@ class TaskPlugin:
         check_record(GROUP, self.name, self.version, TASKS)
         if not isinstance(self.task, Task):
             raise PluginError(f"the task of {self.name} is {self.task!r}; it must be a thalweg.env.tasks.Task")
+        _check_values(self.name, self.task)
         if not self.task.kind.isidentifier() or self.task.kind in ENDING_KINDS:
             raise PluginError(f"kind of {self.name} is {self.task.kind!r}; name the cost of its steps, such as 'nests'")
         if not _family(self.task):
@@ -145,6 +148,26 @@ class TaskPlugin:
                 f"{self.name} has the rules of no task; change numbers of one of {', '.join(list(TASKS)[1:])}:"
                 ' replace(TASKS["Nests"], reserve_height_m=6.0)'
             )
+
+
+_RANGES = {"reserve_share": (0.0, 1.0, "from 0 to 1"), "reserve_period_m": (math.ulp(0.0), math.inf, "above 0")}
+"""Least and greatest value of numbers of a task, and the range in words; others are 0 or more."""
+
+
+def _check_values(name: str, task: Task) -> None:
+    """Raise `PluginError` for a value of a task of another type than its default, not finite, or out of range."""
+    for field in fields(task):
+        value, kind = getattr(task, field.name), type(field.default)
+        if kind is float:
+            least, most, words = _RANGES.get(field.name, (0.0, math.inf, "of 0 or more"))
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            right, needed = number and math.isfinite(value) and least <= value <= most, f"a finite number {words}"
+        elif kind is int:
+            right, needed = type(value) is int and value >= 0, "a whole number of 0 or more"
+        else:
+            right, needed = type(value) is kind, "true or false" if kind is bool else "a text"
+        if not right:
+            raise PluginError(f"{field.name} of {name} is {value!r}; it must be {needed}")
 
 
 _IN_USE: dict[str, Task] = {}

@@ -213,6 +213,24 @@ def test_what_is_returned_is_valid_until_the_second_step_after():
 
 
 @pytest.mark.slow
+def test_to_observe_again_leaves_what_the_step_before_returned():
+    env = made(observation="mask")
+    before = env.reset(seed=0)[0]
+    kept = before.clone()
+    now = env.step(torch.tensor([[0, 1, 0, 1]]).repeat(N, 1))[0]
+    again = env.observe()
+    assert torch.equal(before, kept) and torch.equal(again, now) and not torch.equal(again, before)
+    shown = now.clone()
+    env.set_state(made(observation="mask").get_state() | {"pose": env.get_state()["pose"] + 0.5})
+    env.observe()
+    assert torch.equal(now, shown)
+
+
+def test_to_observe_before_a_reset_is_refused():
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"call reset\(\) before observe\(\)"):
+        made().observe()
+
+
 def test_looks_are_drawn_for_each_episode_or_environment_and_shown():
     shown = {}
     for per in ("episode", "environment"):

@@ -229,10 +229,17 @@ class TensorRiverEnv:
         check_forces(state)
         for name in self._state_names:
             self._tensors[name].copy_(torch.from_numpy(np.array(state[name])))
+        self._observer.turn()
         self._started = True
 
     def observe(self) -> Any:
-        """Return the observations of the current state, as `step` does; for use after `set_state`."""
+        """Return the observations of the current state, as `step` does; for use after `set_state`.
+
+        Without it they are drawn again where `reset` or `step` has drawn them. Raises `gymnasium.error.ResetNeeded`
+        before the first reset.
+        """
+        if not self._started:
+            raise gymnasium.error.ResetNeeded("call reset() before observe()")
         return self._observer.observe()
 
     def close(self) -> None:
@@ -275,6 +282,7 @@ class TensorRiverEnv:
         name += "_boats" * bool(self.config.limits.is_boat)
         self._launcher.run(name, advance, lambda: (array(unit_actions), *self._arguments))
         self._observer.start(begun)
+        self._observer.turn()
 
     def _unit_actions(self, actions: Tensor) -> Tensor:
         """Return actions as unit actions [N, 4] float64; raises `ActionError`."""

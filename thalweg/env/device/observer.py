@@ -69,6 +69,10 @@ class TensorObserver:
             last.copy_(torch.where(begun[:, None], self._tensors["pose"], last))
             self._tensors["last_action"].masked_fill_(begun[:, None], 0.0)
 
+    def turn(self) -> None:
+        """Draw from now on in the next buffer: the state has changed, and what was drawn of the last one is valid."""
+        self._buffer = (self._buffer + 1) % BUFFERS
+
     def observe(self) -> Any:
         """Return the observations of the current state, drawn in the buffer whose turn it is."""
         kind = self.config.observation
@@ -145,7 +149,6 @@ class TensorObserver:
 
     def _drawn(self) -> dict[str, Tensor]:
         """Return the frames of the current state, and the parts of observations that are drawn."""
-        self._buffer = (self._buffer + 1) % BUFFERS
         frames, layers = self._frames[self._buffer], self._layers[self._buffer] if self.config.draws_layers else ()
         tensors, look = self._tensors, self._tensors["look"]
         lit_world = tensors["world"] * self._lights + self._look_lights[look]

@@ -1,5 +1,7 @@
 """Tests of the vector environment: autoreset modes, infos and masked resets."""
 
+import re
+
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
@@ -106,6 +108,24 @@ def test_a_bad_reset_mask_is_refused(mask):
 def test_step_before_reset_is_refused():
     with pytest.raises(ResetNeeded):
         RiverVectorEnv(canal(), 1, NONE).step(np.array([HOVER]))
+
+
+@pytest.mark.parametrize(
+    ("what", "asked"),
+    [
+        ("render()", lambda env: env.render()),
+        ("observe()", lambda env: env.observe()),
+        ("ideal_eye()", lambda env: env.ideal_eye()),
+        ("camera_matrices", lambda env: env.camera_matrices),
+    ],
+)
+def test_what_shows_a_state_is_refused_before_there_is_one(what, asked):
+    renderer = BlankRenderer() if what == "render()" else None
+    env = RiverVectorEnv(canal(), 2, NONE, renderer=renderer, render_mode="rgb_array")
+    with pytest.raises(ResetNeeded, match=re.escape(f"call reset() before {what}")):
+        asked(env)
+    env.reset(seed=0)
+    assert len(asked(env)) > 0
 
 
 def test_its_own_generator_is_that_of_the_seed():

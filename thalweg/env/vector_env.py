@@ -140,7 +140,8 @@ class RiverVectorEnv(VectorEnv):
     @property
     def camera_matrices(self) -> CameraMatrices:
         """Matrices K [N, 3, 3], R [N, 3, 3] and t [N, 3] of the cameras in the current state, in OpenCV's convention;
-        see `thalweg.render.records.pinhole`."""
+        see `thalweg.render.records.pinhole`. Raises `gymnasium.error.ResetNeeded` before the first reset."""
+        self._check_started("camera_matrices")
         return self.frames.camera_matrices(self.state.pose)
 
     @property
@@ -209,12 +210,15 @@ class RiverVectorEnv(VectorEnv):
         return observations, outcome.reward.copy(), terminated, truncated, info
 
     def observe(self) -> Any:
-        """Return the observations of the current state, as `reset` and `step` do; for use after `set_state`."""
+        """Return the observations of the current state, as `reset` and `step` do; for use after `set_state`. Raises
+        `gymnasium.error.ResetNeeded` before the first reset, as the other methods do that show a state."""
+        self._check_started("observe()")
         return self.observer.observe(self.courses, self.observer.views(self.courses, self.state))
 
     def ideal_eye(self) -> np.ndarray:
         """Return what the ideal eye sees of the current state [N, F] float32, whatever is observed; its F numbers are
         `thalweg.env.task.priced.eye.features_of` the task."""
+        self._check_started("ideal_eye()")
         return self.observer.see(self.courses, self.frames.views(self.state))
 
     def draw(self, river: np.ndarray, views: Views) -> np.ndarray:
@@ -245,6 +249,7 @@ class RiverVectorEnv(VectorEnv):
         """Return the frames of the current state, N of [H, W, 3] uint8, or None without a render mode."""
         if self.render_mode is None:
             return None
+        self._check_started("render()")
         return tuple(frame.copy() for frame in self.observer.colours(self.courses, self.state))
 
     def pilot_actions(self, pilot: str = "scripted") -> np.ndarray:
@@ -267,8 +272,7 @@ class RiverVectorEnv(VectorEnv):
         pilots = PILOTS[self.config.vehicle]
         if name not in pilots:
             raise ConfigError(f"unknown pilot {name!r} of the {self.config.vehicle}; known: {', '.join(pilots)}")
-        if not self.episodes.started.all():
-            raise gymnasium.error.ResetNeeded("call reset() before asking a pilot")
+        self._check_started("asking a pilot")
         if name not in self._pilots:
             self._pilots[name] = PilotInRivers(pilots[name], self.config)
         return self._pilots[name].pilot(self.rivers, self.state)
@@ -293,10 +297,14 @@ class RiverVectorEnv(VectorEnv):
         """
         return rows_and_poses(options, self.episodes.started, self.config, self.rivers)
 
+    def _check_started(self, what: str) -> None:
+        """Raise `gymnasium.error.ResetNeeded` unless every environment had a reset."""
+        if not self.episodes.started.all():
+            raise gymnasium.error.ResetNeeded(f"call reset() before {what}")
+
     def _check_ready(self) -> None:
         """Raise `gymnasium.error.ResetNeeded` unless every environment can step."""
-        if not self.episodes.started.all():
-            raise gymnasium.error.ResetNeeded("call reset() before step()")
+        self._check_started("step()")
         if self.autoreset_mode is AutoresetMode.DISABLED and self.episodes.ended.any():
             ended = np.flatnonzero(self.episodes.ended).tolist()
             raise gymnasium.error.ResetNeeded(f"the episodes of environments {ended} have ended; reset them first")

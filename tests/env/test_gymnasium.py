@@ -76,6 +76,11 @@ def test_make_vec_gives_the_native_environment():
     assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
 
 
+def test_gymnasiums_name_of_the_step_limit_leads_to_that_of_the_option():
+    with pytest.raises(ConfigError, match="'max_episode_steps': the option is called 'max_steps' here"):
+        gymnasium.make_vec("thalweg/Easy-v0", num_envs=2, worlds=ring(), max_episode_steps=3)
+
+
 def test_make_vec_is_same_step_unless_asked_otherwise():
     env = gymnasium.make_vec("thalweg/Easy-v0", num_envs=2, worlds=ring(), observation="none")
     assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP

@@ -43,6 +43,10 @@ class UnknownOptionError(ConfigError, TypeError):
     """
 
 
+OTHER_NAMES = {"max_episode_steps": "max_steps"}
+"""Names that others give to options, whose own are not the most similar."""
+
+
 def check_options(given: Iterable[str], known: Iterable[str]) -> None:
     """Raise `UnknownOptionError`, which lists the known ones, for an option that is not among them."""
     known = list(known)
@@ -50,6 +54,7 @@ def check_options(given: Iterable[str], known: Iterable[str]) -> None:
         refuse_unknown("option", given, known, ConfigError)
     except ConfigError as error:
         first = min(set(given) - set(known))
+        error = f"the option is called {OTHER_NAMES[first]!r} here" if first in OTHER_NAMES else error
         raise UnknownOptionError(f"unexpected keyword argument {first!r}: {error}") from None
 
 

@@ -67,6 +67,8 @@ def test_only_the_poses_of_rows_that_are_reset_must_be_safe():
     ("options", "error", "message"),
     [
         ({"poses": SAFE}, ConfigError, "poses"),
+        ([1], ConfigError, r"options must be a mapping such as \{'pose': \[x, y, z, yaw\]\}, not \[1\]"),
+        ("", ConfigError, "options must be a mapping"),
         ({"pose": SAFE[:3]}, ConfigError, r"shape \(3,\); needed: \(4,\) or \(2, 4\)"),
         ({"pose": [*SAFE[:3], [0.0]]}, ConfigError, r"pose is \[10.5, 0.0, 5.0, \[0.0\]\], no array of numbers"),
         ({"reset_mask": np.array([True])}, ConfigError, r"reset_mask must be \[2\] bool, got \[1\] bool"),

@@ -43,7 +43,9 @@ def rows_and_poses(
 
     Raises `ConfigError`, `UnsafePoseError` and `gymnasium.error.ResetNeeded`.
     """
-    options = options or {}
+    options = {} if options is None else options
+    if not isinstance(options, Mapping):
+        raise ConfigError(f"options must be a mapping such as {{'pose': [x, y, z, yaw]}}, not {options!r:.60}")
     refuse_unknown("reset option", options, RESET_OPTIONS, ConfigError)
     rows = _rows(options.get("reset_mask"), started)
     poses = options.get("pose")

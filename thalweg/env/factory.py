@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode
 from thalweg.core.seeds import parse_seeds
 from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig, check_options, integer_at_least
 from thalweg.env.env import RiverEnv
+from thalweg.env.given import check_config, worlds_of
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.vector_env import RiverVectorEnv
 from thalweg.world.record import World
@@ -41,7 +42,8 @@ def make_single(
     config = _with_options(config, options, ("world", "world_seed", "banks", "renderer", "render_mode", "config"))
     _start_compilation(config)
     seeds = None if world_seed is None else [integer_at_least("world_seed", world_seed, 0)]
-    worlds = _worlds(_on_banks(level, banks, world), None if world is None else [world], seeds)
+    given = None if world is None else worlds_of([world], "world")
+    worlds = _worlds(_on_banks(level, banks, world), given, seeds)
     return RiverEnv(worlds[0], config, renderer=renderer, render_mode=render_mode)
 
 
@@ -84,7 +86,7 @@ def make_vector(
     if rivers not in ("fixed", "episode"):
         raise ConfigError(f"rivers must be 'fixed' or 'episode', not {rivers!r}")
     _start_compilation(config)
-    given = [worlds] if isinstance(worlds, World) else worlds
+    given = None if worlds is None else worlds_of(worlds)
     seeds = None if world_seeds is None else _seeds(world_seeds)
     chosen: RiverList | Sequence[World]
     if rivers == "episode" and seeds is not None and given is None:
@@ -122,7 +124,7 @@ def make_tensors(
     level = _on_banks(level, banks, worlds)
     if device == "cpu":
         _start_compilation(config)
-    given = [worlds] if isinstance(worlds, World) else worlds
+    given = None if worlds is None else worlds_of(worlds)
     rivers = _worlds(level, given, None if world_seeds is None else _seeds(world_seeds))
     return TensorRiverEnv(rivers, num_envs, config, device=device)
 
@@ -131,7 +133,9 @@ make_single.metadata = RiverEnv.metadata  # pyright: ignore[reportFunctionMember
 
 
 def _with_options(config: EnvConfig, options: dict[str, Any], arguments: Sequence[str]) -> EnvConfig:
-    """Return the config with some fields changed; raises `UnknownOptionError` for an unknown option."""
+    """Return the config with some fields changed; raises `ConfigError` for one that is none, and `UnknownOptionError`
+    for an unknown option."""
+    check_config(config)
     check_options(options, [*arguments, *(field.name for field in fields(config))])
     return config.with_options(**options)
 
@@ -149,7 +153,7 @@ def _worlds(level: str, worlds: Sequence[World] | None, seeds: Sequence[int] | N
     if worlds is not None:
         if seeds is not None:
             raise ConfigError("give either worlds or seeds of worlds, not both")
-        return list(worlds)
+        return worlds
     if not isinstance(level, str):
         raise ConfigError(f"level must be a name, not {level!r}")
     from thalweg.world import load_or_build

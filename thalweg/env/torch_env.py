@@ -28,6 +28,7 @@ from thalweg.env.device.pushed_step import advance_pushed_all
 from thalweg.env.device.step import advance_all, reset_arguments
 from thalweg.env.forces.arrays import ForceState, empty_forces, force_numbers
 from thalweg.env.forces.of_many import PREFIX, check_forces, write_winds
+from thalweg.env.given import check_config, worlds_of
 from thalweg.env.initial_poses import random_start
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import FORWARD, ActionError, action_space, observation_space, to_unit_actions
@@ -82,7 +83,8 @@ class TensorRiverEnv:
         """
         if isinstance(worlds, RiverList):
             raise ConfigError("environments of tensors do not change river: give worlds, not a list of rivers")
-        self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
+        check_config(config)
+        self.worlds = worlds_of(worlds)
         self.num_envs, self.config = integer_at_least("num_envs", num_envs, 1), config
         self.limits = config.limits
         self.cost_kinds = config.cost_kinds

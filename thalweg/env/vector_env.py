@@ -18,6 +18,7 @@ from thalweg.env.episodes.info import final_info_of, info_of
 from thalweg.env.episodes.reset_arguments import autoreset_mode_of, rows_and_poses, seeds_of
 from thalweg.env.forces.of_many import ForcesOfMany
 from thalweg.env.frame_renderer import FrameRenderer, Views
+from thalweg.env.given import check_config, worlds_of
 from thalweg.env.observer import Observer
 from thalweg.env.rivers.assignment import DrawnRivers, FixedRivers, Rivers
 from thalweg.env.rivers.pool import RiverPool
@@ -88,6 +89,7 @@ class RiverVectorEnv(VectorEnv):
         """
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ConfigError(f"unknown render_mode {render_mode!r}; known: {', '.join(self.metadata['render_modes'])}")
+        check_config(config)
         self.num_envs = integer_at_least("num_envs", num_envs, 1)
         self.config = config
         self.autoreset_mode = autoreset_mode_of(autoreset_mode)
@@ -106,7 +108,7 @@ class RiverVectorEnv(VectorEnv):
                 RiverPool(worlds, config, self.num_envs, self.frames.slots), self.num_envs
             )
         else:
-            self.worlds = (worlds,) if isinstance(worlds, World) else tuple(worlds)
+            self.worlds = worlds_of(worlds)
             self.frames = FrameRenderer(self.worlds, self.num_envs, config, renderer, device=device)
             self.rivers = FixedRivers(self.worlds, self.num_envs, config)
         self.camera = self.frames.camera

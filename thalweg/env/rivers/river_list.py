@@ -26,9 +26,9 @@ class RiverList:
     def __init__(self, entries: Iterable[Entry], in_memory: int | None = None) -> None:
         """`in_memory`: greatest number of rivers held in memory at a time; None derives it from the free memory.
 
-        Raises `ConfigError` for an empty list, and for a number that is not whole or below 1.
+        Raises `ConfigError` for an empty list, an entry of another type, and a number that is not whole or below 1.
         """
-        self.entries = tuple(entries)
+        self.entries = tuple(map(_checked, entries))
         if not self.entries:
             raise ConfigError("a list of rivers needs at least one")
         self.in_memory = None if in_memory is None else integer_at_least("in_memory", in_memory, 1)
@@ -100,3 +100,15 @@ class RiverList:
                 words = words, versions.BANKS
             digest.update(repr((words, versions.WORLD)).encode())
         return np.frombuffer(digest.digest()[:8], dtype=np.uint64).copy()
+
+
+def _checked(entry: Any) -> Entry:
+    """Return an entry of a list with its seed as Python's integer; raises `ConfigError` for anything else."""
+    if isinstance(entry, World):
+        return entry
+    if not isinstance(entry, tuple) or len(entry) != 2 or not isinstance(entry[0], Level):
+        raise ConfigError(
+            f"an entry of a list of rivers must be a World, or a Level and a seed, not {entry!r:.60}: give names of"
+            " levels and seeds to RiverList.of_levels"
+        )
+    return entry[0], integer_at_least("the seed of a river", entry[1], 0)

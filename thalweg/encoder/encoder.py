@@ -122,7 +122,7 @@ class Encoder:
         channels, chunk = self.config.channels, CHUNKS.get(self._device.type, CHUNKS["cuda"])
         if frames.shape[3] != len(channels):
             frames = frames[..., channels[0] : channels[-1] + 1]
-        codes = torch.empty(len(frames), self.latent, device=self._device)
+        codes = torch.empty(len(frames), self.latent, dtype=torch.float32, device=self._device)
 
         def encode(first: int, last: int) -> None:
             with torch.inference_mode():

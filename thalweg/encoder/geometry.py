@@ -116,7 +116,7 @@ class GeometryNetwork(nn.Module):
         scale = scale or Scale(np.zeros(count), np.ones(count))
         self.register_buffer("mean", torch.tensor(scale.mean, dtype=torch.float32))
         self.register_buffer("deviation", torch.tensor(scale.deviation, dtype=torch.float32))
-        self.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+        self.to(torch.float32, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
 
     def encode(self, images: Tensor) -> Tensor:
         """Return codes float32 [N, Z] of images [N, C, H, W] in 0..1."""

@@ -53,7 +53,7 @@ def _fused_operation() -> Any:
     """Return oneDNN's convolution with an activation, or None if this build of PyTorch has no working one."""
     try:
         fused = torch.ops.mkldnn._convolution_pointwise
-        images, weight = torch.ones(1, 1, 4, 4), torch.full((1, 1, 3, 3), -1.0)
+        images, weight = torch.ones(1, 1, 4, 4).float(), torch.full((1, 1, 3, 3), -1.0).float()
         found = _apply(fused, images, _packed(weight, images.shape), None)
         return fused if torch.allclose(found, LEAK * conv2d(images, weight, None, STRIDE, PADDING)) else None
     except (AttributeError, RuntimeError):

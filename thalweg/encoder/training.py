@@ -208,7 +208,7 @@ class _State:
         sums = np.zeros(3)
         for chosen in np.array_split(order, math.ceil(len(order) / self.run["batch"])):
             batch = to_batch(images[chosen], config, device)
-            noise = torch.randn((len(chosen), config.latent), generator=draw).to(device)
+            noise = torch.randn((len(chosen), config.latent), dtype=torch.float32, generator=draw).to(device)
             with torch.autocast(device.type, torch.bfloat16, enabled=self.run["precision"] == "bfloat16"):
                 reconstruction, mean, log_variance = vae(batch, noise)
             losses = vae_loss(batch, reconstruction, mean, log_variance, config.kl_weight)

@@ -108,7 +108,7 @@ class VAE(nn.Module):
         self.expand = nn.Linear(config.latent, shape.decoder[0] * start[0] * start[1])
         self.unflatten = nn.Unflatten(1, (shape.decoder[0], *start))
         self.decoder = _decoder_layers(len(config.channels), shape)
-        self.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+        self.to(torch.float32, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
 
     def encode(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the mean and log variance, float32 [N, Z] each, of the code of images [N, C, H, W] in 0..1."""

@@ -35,6 +35,7 @@ class WaterSegmenter(nn.Module):
         self.down = nn.ModuleList([_block(before, after) for before, after in pairs])
         self.up = nn.ModuleList([_block(near + far, near) for near, far in pairs[:0:-1]])
         self.last = nn.Conv2d(WIDTHS[0], BLOCK**2, 1)
+        self.float()
 
     def forward(self, colours: Tensor) -> Tensor:
         """Return logits [N, H, W] of colours [N, 3, H, W] in 0..1."""

@@ -22,11 +22,11 @@ class Adam:
         self.parameters, self._rate = list(parameters), rate
         self._first = [torch.zeros_like(parameter) for parameter in self.parameters]
         self._second = [torch.zeros_like(parameter) for parameter in self.parameters]
-        self._counts = [torch.zeros((), device=parameter.device) for parameter in self.parameters]
+        self._counts = [torch.zeros((), dtype=torch.float32, device=parameter.device) for parameter in self.parameters]
         self._device_rate: Tensor | None = None
         """The rate on the GPU, which steps in a CUDA graph read."""
         if not self.parameters[0].is_cpu:
-            self._device_rate = torch.full((), rate, device=self.parameters[0].device)
+            self._device_rate = torch.full((), rate, dtype=torch.float32, device=self.parameters[0].device)
 
     @property
     def rate(self) -> float:

@@ -108,11 +108,11 @@ class Student:
         parameters = [*self.policy.actor.parameters(), *self.privileged.parameters(), *self.map.parameters()]
         self.optimiser = Adam(parameters, config.learning_rate)
         weights = [1.0, config.regret_weight, *2 * [config.auxiliary_weight]]
-        self._weights = torch.tensor(weights, device=device)
+        self._weights = torch.tensor(weights, dtype=torch.float32, device=device)
         self._graphs = CudaGraphs(device.type == "cuda", [])
         self._held: dict[tuple[int, ...], Lesson] = {}
         """Memory on a GPU for lessons, by their numbers of steps and sequences; recorded steps read it."""
-        self._found = torch.zeros(len(LOSSES), device=device)
+        self._found = torch.zeros(len(LOSSES), dtype=torch.float32, device=device)
         """Losses of the last gradient step."""
 
     def update_scale(self, privileged: Tensor) -> None:

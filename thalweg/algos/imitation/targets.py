@@ -26,7 +26,7 @@ def move_log_probs(log_probs: list[Tensor], options: Tensor) -> Tensor:
     """
     return sum(
         (branch[:, options[:, index]] for index, branch in enumerate(log_probs)),
-        start=torch.zeros((), device=options.device),
+        start=torch.zeros((), dtype=torch.float32, device=options.device),
     )
 
 

@@ -110,7 +110,7 @@ class Agent:
         self._cost_normaliser = Normaliser(costs, config.normalise_cost, task.device)
         self.scale = ValueScale(config, costs, task.num_envs, task.device)
         discounts = [[config.discount], *[[config.cost_discount]] * costs]
-        self._discounts = torch.tensor(discounts, device=task.device)
+        self._discounts = torch.tensor(discounts, dtype=torch.float32, device=task.device)
         names = ["", *(f"cost{name}_" for name in cost_suffixes(costs))]
         self._value_names = [f"{name}q_mean" for name in names]
         self._last_values = [math.nan] * len(names)

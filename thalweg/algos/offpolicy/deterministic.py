@@ -166,7 +166,9 @@ class DiscreteActions:
     ) -> tuple[Tensor, Callable[[Tensor], Tensor]]:
         """Return a one-hot sample [B, W], and the backward function of its softmax relaxation."""
         choices, temperature = self._choices(parameters), self._config.relaxation
-        noise = gumbel_softmax.gumbel(torch.rand(choices.log_p.shape, generator=generator, device=parameters.device))
+        noise = gumbel_softmax.gumbel(
+            torch.rand(choices.log_p.shape, dtype=torch.float32, generator=generator, device=parameters.device)
+        )
         hard, soft = gumbel_softmax.straight_through(choices.log_p, noise, temperature)
 
         def backward(grad: Tensor) -> Tensor:
@@ -235,9 +237,9 @@ def policy_gradient_step(agent: Agent, action_form: ActionForm, config: Determin
 
 def _epsilon_uniform(raw: Tensor, action_form: ActionForm, epsilon: float, generator: torch.Generator) -> Tensor:
     """Return raw actions [B, A], each replaced by a uniform one with probability `epsilon`."""
-    replaced = torch.rand(len(raw), 1, generator=generator, device=raw.device) < epsilon
+    replaced = torch.rand(len(raw), 1, dtype=torch.float32, generator=generator, device=raw.device) < epsilon
     return torch.where(replaced, action_form.actions.uniform(len(raw), generator), raw)
 
 
 def _normal(like: Tensor, generator: torch.Generator) -> Tensor:
-    return torch.randn(like.shape, generator=generator, device=like.device)
+    return torch.randn(like.shape, dtype=torch.float32, generator=generator, device=like.device)

@@ -15,7 +15,7 @@ class MeanMetrics:
     def __init__(self, *groups: tuple[str, ...], device: torch.device = CPU) -> None:
         """The numbers of a group are added together; a gradient step need not add every group."""
         self.groups = groups
-        self._sums = [torch.zeros(len(group), device=device) for group in groups]
+        self._sums = [torch.zeros(len(group), dtype=torch.float32, device=device) for group in groups]
         self._counts = [0] * len(groups)
 
     def add(self, group: int, numbers: Tensor) -> None:

@@ -78,7 +78,9 @@ class ReplayBuffer:
         """
         self.size, self._obs, self._critic_obs, self._action, self._signals = size, obs, critic_obs, action, 1 + costs
         self._seen, self._ends = obs + critic_obs, self._signals if critic_obs else 1
-        self.rows = torch.empty(size, 2 * self._seen + action + self._signals + self._ends, device=device)
+        self.rows = torch.empty(
+            size, 2 * self._seen + action + self._signals + self._ends, dtype=torch.float32, device=device
+        )
         """[R, ...] observation, C numbers, action, both after the step, reward, costs, continues."""
         self.filled, self._next = 0, 0
 

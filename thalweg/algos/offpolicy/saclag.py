@@ -207,7 +207,9 @@ class SACLag:
         )
         self.agent = Agent(spec, config, task)
         self.policy, self.rollout_steps = self.agent.policy, self.agent.rollout_steps
-        self.log_alpha = torch.tensor(config.alpha, device=task.device).log().requires_grad_(config.auto_alpha)
+        self.log_alpha = (
+            torch.tensor(config.alpha, dtype=torch.float32, device=task.device).log().requires_grad_(config.auto_alpha)
+        )
         self.alpha_optimiser = Adam([self.log_alpha], config.alpha_learning_rate)
 
     @torch.inference_mode()

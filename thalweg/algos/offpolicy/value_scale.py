@@ -51,7 +51,7 @@ class ValueScale:
         self.config, self._costs = config, costs
         self.statistics = ReturnStatistics(num_envs, (config.discount, *[config.cost_discount] * costs))
         # These tensors are changed in place: recorded CUDA graphs read them.
-        self.units = torch.ones(1 + costs, 1, device=device)
+        self.units = torch.ones(1 + costs, 1, dtype=torch.float32, device=device)
         """[S, 1] unit of each signal."""
         self._low = torch.full_like(self.units, -torch.inf)
         self._high = torch.full_like(self.units, torch.inf)

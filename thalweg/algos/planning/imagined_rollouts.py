@@ -56,7 +56,7 @@ def sample_noise(
 ) -> Tensor:
     """Return standard normal noise [H, M, N, S, P, D], or [H, M, N, 1, P, D] if candidates share it."""
     shape = (horizon, frozen.members, envs, 1 if shared else samples, particles, frozen.layout.frame)
-    return torch.randn(shape, generator=generator, device=generator.device)
+    return torch.randn(shape, dtype=torch.float32, generator=generator, device=generator.device)
 
 
 def imagine_rollouts(

@@ -74,7 +74,7 @@ class CategoricalPlans:
         counts = torch.tensor(sizes, device=device)
         self.exists = torch.arange(max(sizes), device=device) < counts.unsqueeze(-1)
         """[A, K] bool: whether branch a has an option k."""
-        self.uniform = self.exists / counts.unsqueeze(-1)
+        self.uniform = self.exists.float() / counts.unsqueeze(-1)
 
     def first(self, envs: int) -> Tensor:
         return self.uniform.expand(envs, self.config.sizes.horizon, *self.uniform.shape).clone()
@@ -87,7 +87,9 @@ class CategoricalPlans:
 
     def samples(self, plan: Tensor, count: int, generator: torch.Generator) -> Tensor:
         shape = (len(plan), count, *plan.shape[1:3])
-        return categorical.drawn(plan.unsqueeze(1), torch.rand(shape, generator=generator, device=plan.device))
+        return categorical.drawn(
+            plan.unsqueeze(1), torch.rand(shape, dtype=torch.float32, generator=generator, device=plan.device)
+        )
 
     def updated(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
         return planning.categorical_step(plan, samples, weights, self.exists, self.config.momentum, self.config.floor)
@@ -100,7 +102,7 @@ class CategoricalPlans:
         return (plan * (1.0 - plan)).flatten(1).amax(1)
 
     def draw(self, plan: Tensor, generator: torch.Generator) -> Tensor:
-        uniform = torch.rand(plan[:, 0, :, 0].shape, generator=generator, device=plan.device)
+        uniform = torch.rand(plan[:, 0, :, 0].shape, dtype=torch.float32, generator=generator, device=plan.device)
         return categorical.drawn(plan[:, 0], uniform)
 
     def mode(self, plan: Tensor) -> Tensor:
@@ -114,7 +116,7 @@ class GaussianPlans:
         self.count, self.config, self.mean_momentum, self.device = count, config, mean_momentum, device
 
     def first(self, envs: int) -> Tensor:
-        plan = torch.zeros(envs, self.config.sizes.horizon, self.count, 2, device=self.device)
+        plan = torch.zeros(envs, self.config.sizes.horizon, self.count, 2, dtype=torch.float32, device=self.device)
         plan[..., 1] = self.config.initial_std**2
         return plan
 
@@ -126,7 +128,9 @@ class GaussianPlans:
 
     def samples(self, plan: Tensor, count: int, generator: torch.Generator) -> Tensor:
         mean, variance = plan.unsqueeze(1).unbind(-1)
-        noise = torch.randn(len(plan), count, *plan.shape[1:3], generator=generator, device=plan.device)
+        noise = torch.randn(
+            len(plan), count, *plan.shape[1:3], dtype=torch.float32, generator=generator, device=plan.device
+        )
         return torch.addcmul(mean, variance.sqrt(), noise).clamp_(-1.0, 1.0)
 
     def updated(self, plan: Tensor, samples: Tensor, weights: Tensor) -> Tensor:
@@ -153,4 +157,4 @@ class GaussianPlans:
 
 def _equal_weights(proposals: Tensor) -> Tensor:
     """Return weights [N, G] of proposals [N, G, H, A] that sum to 1."""
-    return torch.full(proposals.shape[:2], 1.0 / proposals.shape[1], device=proposals.device)
+    return torch.full(proposals.shape[:2], 1.0 / proposals.shape[1], dtype=torch.float32, device=proposals.device)

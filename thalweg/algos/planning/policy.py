@@ -77,7 +77,10 @@ class PlannerPolicy:
         if self._budget is None or self._budget[0] != of:  # cached: copied to the device once
             steps = self.config.sizes.horizon * self.config.action_repeat
             costs = [planning.budget(d, steps, length, e) for d, e in zip(self.limits, ending, strict=True)]
-            self._budget = of, Budget(torch.tensor(costs, device=self.device), max(length / steps, 1.0))
+            self._budget = (
+                of,
+                Budget(torch.tensor(costs, dtype=torch.float32, device=self.device), max(length / steps, 1.0)),
+            )
         return self._budget[1]
 
     def refresh(self) -> None:
@@ -216,7 +219,10 @@ class PlannerPlayer:
         best = search.mode(decision.plan)
         if not self.exploration:
             return decision, best
-        explores = torch.rand(len(deciding), 1, generator=self.generator, device=deciding.device) < self.exploration
+        explores = (
+            torch.rand(len(deciding), 1, dtype=torch.float32, generator=self.generator, device=deciding.device)
+            < self.exploration
+        )
         return decision, torch.where(explores, search.draw(decision.plan, self.generator), best)
 
     def state(self) -> dict[str, Any]:

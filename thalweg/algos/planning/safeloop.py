@@ -177,7 +177,7 @@ class SafeLOOP:
         method = self.policy.method
         assert isinstance(method, SafeARC)
         self.method, self.soft, self.target_critics = method, method.soft, copy.deepcopy(method.soft.critics)
-        log_alpha = torch.tensor(max(config.alpha, 1e-30), device=task.device).log()
+        log_alpha = torch.tensor(max(config.alpha, 1e-30), dtype=torch.float32, device=task.device).log()
         self.log_alpha = log_alpha.requires_grad_(config.auto_alpha)
         self.actor_optimiser = Adam(self.soft.actor.parameters(), config.learning_rate)
         self.optimiser = Adam(self.soft.critics.parameters(), config.critic_learning_rate)
@@ -239,7 +239,9 @@ class SafeLOOP:
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
         """Return warnings about cost limits, and values that no episode can pay."""
-        weight = self.log_alpha.detach().exp() if self.config.entropy_in_targets else torch.zeros(())
+        weight = (
+            self.log_alpha.detach().exp() if self.config.entropy_in_targets else torch.zeros((), dtype=torch.float32)
+        )
         below, above = (float(slack) for slack in self._entropy_slack(weight))
         return self.agent.warnings(feedback, float(self.method.unit), below, above)
 

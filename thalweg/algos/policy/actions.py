@@ -73,7 +73,7 @@ class Actions:
 
     def uniform(self, count: int, generator: torch.Generator) -> Tensor:
         """Return uniformly distributed raw actions [count, A]: options, or numbers in -1..1."""
-        drawn = torch.rand(count, self.count, generator=generator, device=generator.device)
+        drawn = torch.rand(count, self.count, dtype=torch.float32, generator=generator, device=generator.device)
         return (drawn * constant(self.sizes, drawn.device)).long() if self.kind == "categorical" else 2.0 * drawn - 1.0
 
     def distribution(self, parameters: Tensor) -> Distribution:

@@ -25,7 +25,7 @@ class FrameStack:
 
     def __init__(self, num_envs: int, size: int, frames: int, device: torch.device = CPU) -> None:
         self.frames = frames
-        self._last = torch.zeros(num_envs, frames, size, device=device)
+        self._last = torch.zeros(num_envs, frames, size, dtype=torch.float32, device=device)
 
     def push(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Add observations [N, D], of which `fresh` [N] bool begin an episode, and return the stack [N, K * D]."""
@@ -74,7 +74,7 @@ class Gru(nn.Module):
         bound = 1.0 / math.sqrt(size)
 
         def uniform(*shape: int) -> nn.Parameter:
-            empty = torch.empty(shape, device=generator.device)
+            empty = torch.empty(shape, dtype=torch.float32, device=generator.device)
             return nn.Parameter(empty.uniform_(-bound, bound, generator=generator))
 
         self.weight_in, self.weight = uniform(3 * size, inputs), uniform(3 * size, size)

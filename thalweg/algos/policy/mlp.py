@@ -26,7 +26,7 @@ MAX_COMPILED_WIDTH = 128
 
 def orthogonal(shape: tuple[int, int], gain: float, generator: torch.Generator) -> Tensor:
     """Return a matrix with orthonormal rows or columns, times `gain` (Saxe et al. 2014)."""
-    weight = torch.empty(shape, device=generator.device)
+    weight = torch.empty(shape, dtype=torch.float32, device=generator.device)
     nn.init.orthogonal_(weight, gain, generator=generator)
     return weight
 
@@ -68,7 +68,7 @@ class StackedMLP(nn.Module):
         self.activation: Activation = activation
         self.sizes = (inputs, *hidden, outputs)
         length = sum(count * (before + 1) * after for before, after in itertools.pairwise(self.sizes))
-        self.flat = nn.Parameter(torch.empty(length, device=generator.device))
+        self.flat = nn.Parameter(torch.empty(length, dtype=torch.float32, device=generator.device))
         self._views: dict[str, LayerViews] = {}
         self._sizes_array = np.array(self.sizes)
         self._activation_code = mlp_numba.TANH if activation == "tanh" else mlp_numba.RELU

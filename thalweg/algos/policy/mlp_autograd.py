@@ -34,9 +34,9 @@ def _fused_linear() -> Any:
     """Return oneDNN's product with bias and activation, or None if this build of PyTorch has no working one."""
     try:
         fused = torch.ops.mkldnn._linear_pointwise
-        ones = torch.ones(2, 2)
-        found = fused(ones, ones, torch.ones(2), "swish", [], "")
-        return fused if torch.allclose(found, silu(torch.full((2, 2), 3.0))) else None
+        ones = torch.ones(2, 2).float()
+        found = fused(ones, ones, torch.ones(2).float(), "swish", [], "")
+        return fused if torch.allclose(found, silu(torch.full((2, 2), 3.0).float())) else None
     except (AttributeError, RuntimeError):
         return None
 

@@ -76,7 +76,7 @@ class Actor(nn.Module):
             initial=shape.initial,
             generator=generator,
         )
-        log_std = torch.zeros(actions.count, device=generator.device)
+        log_std = torch.zeros(actions.count, dtype=torch.float32, device=generator.device)
         self.log_std = nn.Parameter(log_std) if actions.kind == "gaussian" else None
 
     def forward(self, inputs: Tensor | Sequences, twice_differentiable: bool = False) -> Tensor:

@@ -31,7 +31,10 @@ class Normaliser:
         self.mean = torch.zeros(size, dtype=torch.float64, device=device)
         self.square = torch.zeros_like(self.mean)
         """Sum of squared differences from the mean, float64 [D]."""
-        self._shift, self._scale = torch.zeros(size, device=device), torch.ones(size, device=device)
+        self._shift, self._scale = (
+            torch.zeros(size, dtype=torch.float32, device=device),
+            torch.ones(size, dtype=torch.float32, device=device),
+        )
 
     def __call__(self, obs: Tensor) -> Tensor:
         """Return normalised observations [B, D]."""

@@ -34,14 +34,14 @@ class RolloutBuffer:
             "obs": torch.zeros(steps + 1, num_envs, obs.shape[1], dtype=torch.from_numpy(obs).dtype),
             "fresh": torch.zeros(steps + 1, num_envs, dtype=torch.bool),
             "actions": torch.zeros(steps, num_envs, actions.shape[1], dtype=actions.dtype),
-            "rewards": torch.zeros(steps, num_envs),
-            "costs": torch.zeros(steps, num_envs, costs.shape[1]),
+            "rewards": torch.zeros(steps, num_envs, dtype=torch.float32),
+            "costs": torch.zeros(steps, num_envs, costs.shape[1], dtype=torch.float32),
             "terminated": torch.zeros(steps, num_envs, dtype=torch.bool),
             "truncated": torch.zeros(steps, num_envs, dtype=torch.bool),
             "valid": torch.zeros(steps, num_envs, dtype=torch.bool),
         }
         if critic_obs is not None:
-            self._tensors["critic_obs"] = torch.zeros(steps + 1, num_envs, critic_obs.shape[1])
+            self._tensors["critic_obs"] = torch.zeros(steps + 1, num_envs, critic_obs.shape[1], dtype=torch.float32)
         self._arrays = {name: tensor.numpy() for name, tensor in self._tensors.items()}
         self._ends: list[tuple[int, np.ndarray]] = []
         """Index t * N + n and last observation of each step that ended an episode."""

@@ -95,7 +95,7 @@ class TensorCollector:
         self.statistics = EpisodeStatistics(env.num_envs, world_names(env), done_reason_names(env))
         self._timer = StageTimer(env.device, "act", "env")
         self._stack = FrameStack(env.num_envs, self.obs_size, frames, env.device)
-        self._obs = torch.zeros(env.num_envs, frames * self.obs_size, device=env.device)
+        self._obs = torch.zeros(env.num_envs, frames * self.obs_size, dtype=torch.float32, device=env.device)
         """[N, K * D] observation for the next action."""
         self._fresh = torch.ones(env.num_envs, dtype=torch.bool, device=env.device)
         self._pending = ~self._fresh

@@ -69,7 +69,9 @@ def action_features(actions: Actions, raw: Tensor) -> Tensor:
     if actions.kind != "categorical":
         return actions.quantised(raw)
     first = constant((0, *itertools.accumulate(actions.sizes[:-1])), raw.device)
-    return torch.zeros(*raw.shape[:-1], sum(actions.sizes), device=raw.device).scatter_(-1, raw + first, 1.0)
+    return torch.zeros(*raw.shape[:-1], sum(actions.sizes), dtype=torch.float32, device=raw.device).scatter_(
+        -1, raw + first, 1.0
+    )
 
 
 class TargetScale:
@@ -77,7 +79,10 @@ class TargetScale:
 
     def __init__(self, size: int, device: torch.device = CPU) -> None:
         self.moments = Normaliser(size, device=device)
-        self.mean, self.std = torch.zeros(size, device=device), torch.ones(size, device=device)
+        self.mean, self.std = (
+            torch.zeros(size, dtype=torch.float32, device=device),
+            torch.ones(size, dtype=torch.float32, device=device),
+        )
 
     def update(self, values: Tensor) -> None:
         """Add values [B, size]."""
@@ -127,14 +132,16 @@ class Ensemble:
             initial="truncated",
         )
         device = generator.device
-        self.bounds = nn.Parameter(torch.tensor(LOG_VARIANCE, device=device).unsqueeze(-1).repeat(1, frame))
+        self.bounds = nn.Parameter(
+            torch.tensor(LOG_VARIANCE, dtype=torch.float32, device=device).unsqueeze(-1).repeat(1, frame)
+        )
         """[2, D], lower and upper bounds of the log-variance."""
         self.observed = Normaliser(frame, normalise, device)
         """Statistics of a frame, the same for all K: imagined rollouts shift frames within the stack."""
         self.change, self.reward = TargetScale(frame, device), TargetScale(1, device)
-        self.ranges = torch.tensor([[0.0], [1.0]], device=device).repeat(1, costs)
+        self.ranges = torch.tensor([[0.0], [1.0]], dtype=torch.float32, device=device).repeat(1, costs)
         """[2, C], least and largest cost so far, 0 included; the range is 1 until two different costs were seen."""
-        self._cost_extremes = torch.zeros(2, costs, device=device)
+        self._cost_extremes = torch.zeros(2, costs, dtype=torch.float32, device=device)
         self.counts = torch.zeros(1 + costs + 1, dtype=torch.float64, device=device)
         """Number of steps, then the sums of `cost_shares` and of terminations, for the weights of rare events."""
 

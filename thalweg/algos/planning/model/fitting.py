@@ -64,7 +64,7 @@ class Fitter:
         if not len(training):  # of one transition, which is held out
             return []
         device, patience = training.device, self.config.refit_patience
-        best = torch.full((members,), torch.inf, device=device)
+        best = torch.full((members,), torch.inf, dtype=torch.float32, device=device)
         for _ in range(MAX_EPOCHS):
             permutations = [
                 torch.randperm(len(training), generator=self.generator, device=device) for _ in range(members)

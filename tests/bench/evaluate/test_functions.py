@@ -1,5 +1,6 @@
 """Tests of functions that fly: what they see, what they must return, and what their rows bear."""
 
+import functools
 import re
 from pathlib import Path
 from typing import Any
@@ -167,6 +168,41 @@ def test_a_function_is_loaded_from_a_file_or_a_module(tmp_path: Path):
     file.write_text("x = 1\n1 / 0\n")
     with pytest.raises(PluginError, match=r"mine\.py, line 2: ZeroDivisionError"):
         FunctionPolicy.load(f"{file}:fly")
+
+
+def along(speed: Any, obs: np.ndarray, turn: Any = 1) -> list[int]:
+    """Fly as the arguments say."""
+    return [1, turn, speed, 1]
+
+
+def test_a_partial_bears_the_name_and_source_of_its_function_and_its_arguments():
+    bare = FunctionPolicy(along)
+    policies = [
+        FunctionPolicy(functools.partial(along, *given, **named))
+        for given, named in ([(0,), {}], [(1,), {}], [(0,), {"turn": 2}], [(np.zeros(2000),), {}], [(np.eye(40),), {}])
+    ]
+    assert {policy.name for policy in policies} == {"along"}
+    assert len({policy.source for policy in (bare, *policies)}) == 6
+    again = FunctionPolicy(functools.partial(functools.partial(along, 0), turn=2))
+    assert again.source == policies[2].source and re.fullmatch("[0-9a-f]{16}", again.source)
+
+
+def test_a_partial_may_say_more_than_its_function():
+    given: Any = functools.partial(along, 0)
+    given.label, given.version = "Slow", 3
+    assert (FunctionPolicy(given).name, FunctionPolicy(given).version) == ("Slow", 3)
+
+
+def test_a_partial_flies_as_its_function_does(easy_world: World):
+    flown, wanted = (fly(each, easy_world) for each in (functools.partial(along, 0), ahead))
+    assert [(row.return_, row.length) for row in flown] == [(row.return_, row.length) for row in wanted]
+
+
+def test_arguments_that_no_text_names_need_a_source():
+    given = functools.partial(along, object())
+    with pytest.raises(ResultsError, match=r"along has the argument <object object at .*; give `source`"):
+        FunctionPolicy(given)
+    assert FunctionPolicy(given, source="mine").source == "mine"
 
 
 def test_a_lambda_of_a_session_needs_a_name_of_its_source():

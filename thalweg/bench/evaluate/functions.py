@@ -3,6 +3,7 @@
 A class is such a callable too: each episode then has an object of its own, which may remember what it saw.
 """
 
+import functools
 import inspect
 import re
 from collections.abc import Callable
@@ -48,7 +49,8 @@ class FunctionPolicy:
         Args:
             function: Takes one observation, an image uint8 [H, W, C] or numbers float32 [D], and returns an action of
                 four whole numbers 0, 1 or 2. A class is called without arguments at the start of each episode, and its
-                object is the function.
+                object is the function. A `functools.partial` is the function with its arguments: these are part of the
+                hash of its source.
             name: Name in results; by default the attribute `label` of the function, or its own name.
             version: Version of the function, 1 or more; by default its attribute `version`, or 1.
             observation: One of `OBSERVATIONS`; by default the attribute `observation` of the function, or `rgb+mask`.
@@ -60,9 +62,14 @@ class FunctionPolicy:
                 f"{function!r} cannot fly: a function is needed that takes an observation and returns an action"
             )
         self.function = function
-        name = name or getattr(function, "label", "") or getattr(function, "__name__", type(function).__name__)
-        version = getattr(function, "version", 1) if version is None else version
-        observation = observation or getattr(function, "observation", IMAGES[0])
+        inner = _without_arguments(function)
+
+        def said(attribute: str, default: Any) -> Any:
+            return getattr(function, attribute, getattr(inner, attribute, default))
+
+        name = name or said("label", "") or said("__name__", type(inner).__name__)
+        version = said("version", 1) if version is None else version
+        observation = observation or said("observation", IMAGES[0])
         _check(name, version, observation)
         seen: dict[str, Any] = {} if observation == FRAMES else {"observation": observation}
         seen |= {"render_version": versions.RENDER} if observation in IMAGES else {}
@@ -140,7 +147,46 @@ def _check(name: str, version: Any, observation: Any) -> None:
         raise ResultsError(f"{name} sees {observation!r}; a function may see {', '.join(OBSERVATIONS)}")
 
 
+def _without_arguments(function: Any) -> Any:
+    """Return the callable inside a `functools.partial`, or of one in another; any other callable itself."""
+    while isinstance(function, functools.partial):
+        function = function.func
+    return function
+
+
+def _arguments_of(function: Any, name: str) -> str:
+    """Return the arguments of a `functools.partial` as a text; empty for another callable."""
+    text = ""
+    while isinstance(function, functools.partial):
+        text += f"({_described(function.args, name)} {_described(function.keywords, name)})"
+        function = function.func
+    return text
+
+
+def _described(value: Any, name: str) -> str:
+    """Return an argument as a text that differs for another one, and is the same in another process; raises
+    `ResultsError` for one without such a text."""
+    if isinstance(value, list | tuple):
+        return f"{type(value).__name__}({', '.join(_described(each, name) for each in value)})"
+    if isinstance(value, dict):
+        return f"dict({', '.join(f'{key!r}: {_described(each, name)}' for key, each in value.items())})"
+    if isinstance(value, np.ndarray) and not value.dtype.hasobject:
+        return f"array({value.dtype.str} {value.shape} {value.tobytes().hex()})"
+    if value is None or isinstance(value, bool | int | float | str | bytes | np.generic | Path):
+        return repr(value)
+    raise ResultsError(
+        f"{name} has the argument {value!r:.60}, which no text names; give `source`, a text that names function and"
+        " arguments"
+    )
+
+
 def _source_of(function: Callable[..., Any], name: str) -> str:
+    """Return the hash of the source of a callable, and of the arguments of a `functools.partial`."""
+    arguments, source = _arguments_of(function, name), _file_hash_of(_without_arguments(function), name)
+    return text_hash(source + arguments) if arguments else source
+
+
+def _file_hash_of(function: Callable[..., Any], name: str) -> str:
     """Return the hash of the source of a callable: of its file with what it imports from beside it, or of its text."""
     written = function if inspect.isroutine(function) or isinstance(function, type) else type(function)
     try:

@@ -5,9 +5,10 @@ import threading
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from tests.train.small_runs import SMALL, Stop, StopsAt, train
+from tests.train.small_runs import SMALL, Stop, StopsAt, numbers, train
 from tests.train.toys import Walk
 from thalweg.algos import AlgorithmError
 from thalweg.core import run_folder
@@ -139,6 +140,12 @@ def test_wrong_arguments_leave_no_folder(tmp_path):
         ({"threads": 0}, "threads must be at least 1, got 0"),
         ({"seed": -1}, "seed must not be negative, got -1"),
         ({"seed": 2**63}, "seed must be at most 9223372036854775807, got 9223372036854775808"),
+        ({"seed": 1.0}, "seed must be a whole number, got 1.0"),
+        ({"seed": True}, "seed must be a whole number, got True"),
+        ({"steps": float("nan")}, "steps must be a whole number, got nan"),
+        ({"steps": "1500"}, "steps must be a whole number, got '1500'"),
+        ({"threads": 1.5}, "threads must be a whole number, got 1.5"),
+        ({"seed": None}, "seed must be a whole number, got None"),
         ({"context": {"river": "Danube"}}, "context.river must be a mapping or left out, got 'Danube'"),
         ({"context": {"env": "CartPole-v1"}}, "context.env must be a mapping or left out, got 'CartPole-v1'"),
         ({"context": {"env": None}}, "context.env must be a mapping or left out, got None"),
@@ -153,6 +160,15 @@ def test_values_that_no_run_can_have_are_named_before_the_folder_is_created(tmp_
     with pytest.raises(TrainingError, match=words):
         train(tmp_path / "new", **changes)
     assert not (tmp_path / "new").exists()
+
+
+def test_numbers_of_numpy_are_the_same_run(tmp_path):
+    kinds: dict[str, Any] = {"steps": np.int64(256), "seed": np.uint32(3), "threads": np.int32(1)}
+    train(tmp_path / "numpy", **kinds)
+    train(tmp_path / "python", steps=256, seed=3)
+    described = [(read_config(tmp_path / name) or {})["run"] for name in ("numpy", "python")]
+    assert described[0] == described[1]
+    assert numbers(tmp_path / "numpy") == numbers(tmp_path / "python")
 
 
 def test_a_folder_without_a_policy_is_refused(tmp_path):

@@ -123,7 +123,8 @@ def run(
     # Environments without a number of them are refused below.
     resolved = configured(entry, config, preset, getattr(env, "num_envs", 1), how.begin_with)
     given, resolved = resolved, with_declared_bounds(resolved, env)
-    check_numbers(steps=(steps, 1), threads=(how.threads, 1), seed=(seed, 0))
+    steps, threads, seed = check_numbers(steps=(steps, 1), threads=(how.threads, 1), seed=(seed, 0))
+    how = replace(how, threads=threads)
     device, context = torch.device(resolve_device(how.device)), {**(context or {}), **made_by(entry)}
     run_record.check_context(context)
     if how.graphs:

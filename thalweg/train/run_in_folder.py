@@ -1,14 +1,15 @@
 """A run in its folder: opened or resumed, trained to its end, and its result."""
 
 import math
+import operator
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from numbers import Integral
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import torch
 
 from thalweg.algos.common.errors import AlgorithmError
@@ -62,17 +63,18 @@ class RunResult:
         return load_policy(self.folder)
 
 
-def check_numbers(**numbers: tuple[int, int]) -> None:
-    """Raise `TrainingError` for a (number, minimum) that is not whole, below its minimum, or beyond 64 bits or the
-    maximum in `MOST`."""
+def check_numbers(**numbers: tuple[Any, int]) -> tuple[int, ...]:
+    """Return the numbers of pairs (number, minimum) as Python's integers, in order; raises `TrainingError` for one that
+    is not whole, below its minimum, or beyond 64 bits or the maximum in `MOST`."""
     for name, (number, minimum) in numbers.items():
-        if not isinstance(number, Integral) or isinstance(number, bool):
-            raise TrainingError(f"{name} must be a whole number, got {number!r:.40}")
+        if isinstance(number, bool | np.bool_) or not hasattr(number, "__index__"):
+            raise TrainingError(f"{name} must be a whole number, got {number!r:.60}")
         if number < minimum:
             required = f"be at least {minimum}" if minimum else "not be negative"
             raise TrainingError(f"{name} must {required}, got {number}")
         if number > (most := MOST.get(name, MAX_SEED)):
             raise TrainingError(f"{name} must be at most {most}, got {number}")
+    return tuple(operator.index(number) for number, _ in numbers.values())
 
 
 def open_folder(

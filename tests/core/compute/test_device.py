@@ -33,6 +33,17 @@ def test_unknown_names_are_refused_with_the_valid_ones(name: str):
         resolve_device(name)
 
 
+def test_devices_of_pytorch_are_taken(two_gpus: pytest.MonkeyPatch):
+    given = [torch.device("cpu"), torch.device("cuda"), torch.device("cuda", 1)]
+    assert [resolve_device(device) for device in given] == ["cpu", "cuda:0", "cuda:1"]
+
+
+@pytest.mark.parametrize("name", [0, None, b"cpu", ["cpu"]])
+def test_what_is_no_name_is_refused(name):
+    with pytest.raises(DeviceError, match=r"device = .*: give a name such as cpu or cuda:1, or a torch\.device"):
+        resolve_device(name)
+
+
 def test_auto_is_the_cpu_without_pytorch(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "torch", None)
     assert resolve_device("auto") == "cpu"

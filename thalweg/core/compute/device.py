@@ -6,6 +6,8 @@ GPU needs a PyTorch that was built for CUDA, the package numba-cuda (extra [cuda
 """
 
 import importlib.util
+import sys
+from typing import Any
 
 from thalweg.core.extras import how_to_install
 
@@ -17,11 +19,16 @@ class DeviceError(ValueError):
     """An unknown device, or one that cannot be used; the message says what is missing."""
 
 
-def resolve_device(name: str) -> str:
-    """Return the device of a name as "cpu" or "cuda:<index>".
+def resolve_device(name: Any) -> str:
+    """Return the device of a name, or a `torch.device`, as "cpu" or "cuda:<index>".
 
-    Raises `DeviceError` for an unknown name and for a GPU that cannot be used, with the reason.
+    Raises `DeviceError` for an unknown name, for anything else, and for a GPU that cannot be used, with the reason.
     """
+    torch = sys.modules.get("torch")
+    if torch is not None and isinstance(name, torch.device):
+        name = str(name)
+    if not isinstance(name, str):
+        raise DeviceError(f"device = {name!r:.60}: give a name such as cpu or cuda:1, or a torch.device")
     if name == "auto":
         return "cpu" if cuda_unavailable_reason() else "cuda:0"
     kind, _, number = name.partition(":")

@@ -67,6 +67,12 @@ def test_the_environment_variable_chooses_the_folder(tmp_path, monkeypatch):
     assert cache.cache_dir().name == "thalweg"
 
 
+def test_a_folder_of_the_home_may_be_chosen(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("THALWEG_CACHE", "~/mine")
+    assert cache.cache_dir() == tmp_path / "mine"
+
+
 def unused(path: Path, days: float, folder: bool = False) -> Path:
     """A file, or a folder with a file in a folder, last used so many days ago."""
     if folder:

@@ -26,7 +26,7 @@ TEMPORARY_FILE_AGE_S = 86400.0
 def cache_dir() -> Path:
     """Return the cache folder: `$THALWEG_CACHE` if set, else the platform's user cache folder."""
     chosen = os.environ.get("THALWEG_CACHE")
-    return Path(chosen) if chosen else Path(platformdirs.user_cache_dir("thalweg", appauthor=False))
+    return Path(chosen).expanduser() if chosen else Path(platformdirs.user_cache_dir("thalweg", appauthor=False))
 
 
 def code_hash(files: Iterable[Path]) -> str:

@@ -310,6 +310,22 @@ def test_a_player_of_numbers_has_no_probabilities():
     assert player.log_probs() is None
 
 
+@pytest.mark.parametrize(
+    ("count", "fresh", "told"),
+    [
+        (3, np.ones(3, bool), r"got 3 observations and fresh of shape \[3\]"),
+        (2, np.ones(1, bool), r"got 2 observations and fresh of shape \[1\]"),
+        (2, np.ones((2, 1), bool), r"got 2 observations and fresh of shape \[2, 1\]"),
+        (2, True, r"got 2 observations and fresh of shape \[\]"),
+    ],
+)
+@pytest.mark.parametrize("settings", [{}, {"frames": 3}], ids=["plain", "frames"])
+def test_a_player_refuses_another_number_of_environments(count: int, fresh: Any, told: str, settings: dict):
+    player = policy_for(gym.spaces.MultiDiscrete([3, 3]), **settings).player(2)
+    with pytest.raises(AlgorithmError, match=f"this player acts in 2 environments, {told}"):
+        player(observations(count), fresh)
+
+
 def test_a_corrected_player_remembers_what_was_done_in_place_of_its_action():
     from tests.image_policies import image_policy
 

@@ -316,6 +316,14 @@ class NetworkPlayer:
         """What the network was last given [N, K * D], and the parameters that it returned, if it was asked."""
 
     def __call__(self, obs: np.ndarray, fresh: np.ndarray) -> np.ndarray:
+        """Return actions [N, A] for observations [N, ...], of which `fresh` [N] bool begin an episode; raises
+        `AlgorithmError` for another number of either."""
+        fresh = np.asarray(fresh)
+        if len(obs) != self.num_envs or fresh.shape != (self.num_envs,):
+            raise AlgorithmError(
+                f"this player acts in {self.num_envs} environments, got {len(obs)} observations and fresh of shape"
+                f" {list(fresh.shape)}"
+            )
         if self._rows is not None:
             obs = self._rows.rows(obs, fresh)
         # A second thread of PyTorch would wait for its next task in a loop, on the core that draws the next frames.

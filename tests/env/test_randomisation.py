@@ -115,6 +115,8 @@ def test_each_sun_is_the_world_relit(easy_world: World):
 def test_it_is_off_by_default_on_by_true_and_refused_where_it_cannot_be(easy_world: World):
     assert EnvConfig().randomisation is None
     assert EnvConfig(randomisation=True).randomisation == Randomisation()  # pyright: ignore
+    assert EnvConfig(randomisation=np.True_) == EnvConfig(randomisation=Randomisation())  # pyright: ignore
+    assert EnvConfig(randomisation=np.False_) == EnvConfig()  # pyright: ignore
     with pytest.raises(ConfigError, match=r"randomisation must be a Randomisation or None \(True: .*\), got 'haze'"):
         EnvConfig(randomisation="haze")  # pyright: ignore
     config = EnvConfig(camera=CAMERA, randomisation=LOOKS)

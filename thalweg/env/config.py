@@ -125,7 +125,7 @@ class Limits(NamedTuple):
 
 def _default_ranges(value: Any) -> Any:
     """Return the default ranges for True, None for False, and anything else unchanged."""
-    if isinstance(value, bool):
+    if isinstance(value, bool | np.bool_):
         return Randomisation() if value else None
     return value
 

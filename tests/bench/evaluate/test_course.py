@@ -26,6 +26,12 @@ def test_a_longer_list_of_starts_begins_with_the_shorter_one(monkeypatch: pytest
     np.testing.assert_array_equal(few.clocks_s, many.clocks_s[:5])
 
 
+def test_numbers_may_be_those_of_numpy():
+    given = EvaluationConfig(episodes=np.int64(4), starts_seed=np.uint32(2), deterministic=np.True_)  # pyright: ignore
+    assert given == EvaluationConfig(episodes=4, starts_seed=2, deterministic=True)
+    assert (type(given.episodes), type(given.starts_seed), given.deterministic) == (int, int, True)
+
+
 def test_no_start_is_a_pose_that_an_encoder_was_trained_on(monkeypatch: pytest.MonkeyPatch):
     ring = handmade.ring()
     monkeypatch.setattr("thalweg.bench.evaluate.course.load_or_build", lambda level, seed: ring)

@@ -69,11 +69,18 @@ def test_steeper_rays_of_an_equidistant_lens_are_no_such_lens():
         Lens("equidistant", (0.1,)).scaled(1.1)
 
 
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int64])
+def test_coefficients_may_be_an_array_as_calibrations_give_it(kind: type):
+    lens = Lens("plumb_bob", np.array([-1, 0, 2], kind))  # pyright: ignore[reportArgumentType]
+    assert lens == Lens("plumb_bob", (-1.0, 0.0, 2.0)) and {type(each) for each in lens.coefficients} == {float}
+
+
 @pytest.mark.parametrize(
     ("values", "told"),
     [
         ({"coefficients": (0.0,) * 6}, "plumb_bob has the coefficients k1, k2, p1, p2, k3; got 6 numbers"),
         ({"model": "fish"}, "model must be one of 'plumb_bob', 'rational_polynomial', 'equidistant', got 'fish'"),
+        ({"coefficients": np.zeros((1, 5))}, "coefficients must be a list, got array"),
         ({"coefficients": (math.nan,)}, r"coefficients\[0\] must be a finite number, got nan"),
         ({"focal_ratio": 0.0}, "focal_ratio must be a number from 0.1 to 10, got 0"),
     ],

@@ -27,7 +27,7 @@ EVALUATION, CLOCKS, LOOKS = zlib.crc32(b"evaluation"), zlib.crc32(b"clocks"), zl
 episodes of a policy share a seed with a start."""
 
 
-@frozen_config(ResultsError)
+@frozen_config(ResultsError, numpy_scalars=True)
 class EvaluationConfig:
     """Settings of an evaluation; they are the same for all policies that are compared."""
 

@@ -10,7 +10,7 @@ import math
 from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from thalweg.core.config import FiniteNumber, TupleOf, frozen_config
 from thalweg.render.errors import RenderError
@@ -39,13 +39,18 @@ STEP = 1e-6
 """Distance of the points that derivatives are taken between."""
 
 
+def _from_array(value: Any) -> Any:
+    """Return the tuple of an array of numbers [D], and anything else unchanged."""
+    return tuple(value.tolist()) if isinstance(value, np.ndarray) and value.ndim == 1 else value
+
+
 @frozen_config(RenderError, numpy_scalars=True)
 class Lens:
     """Distortion, shape of the pixels, and place of the optical axis in the image."""
 
     model: DistortionModel = "plumb_bob"
     """Model of the distortion; `equidistant` is that of OpenCV's fisheye cameras."""
-    coefficients: TupleOf[FiniteNumber] = ()
+    coefficients: Annotated[TupleOf[FiniteNumber], BeforeValidator(_from_array)] = ()
     """Those of the model in OpenCV's order; the rest are zero."""
     focal_ratio: Annotated[float, Field(ge=0.1, le=10)] = 1.0
     """Focal length along a row as a share of that along a column, both in pixels."""

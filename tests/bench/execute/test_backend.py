@@ -42,6 +42,8 @@ SUITE = Suite(
     "tiny", (Arm("PPO", seeds=(0,), steps=512),), train_level="Easy", test_levels=("Easy",), episodes=4, packaged=False
 )
 RUN = Run("baseline", "random", 0)
+RUN_OF_PPO = Run("train", "PPO", 0)
+LEVELS = ("Easy", "Medium")
 
 
 @pytest.fixture
@@ -261,6 +263,31 @@ def test_policies_of_different_images_do_not_share_a_view(rivers: RiverBackend, 
         image_policy(images).save(tmp_path / POLICY)
         rivers.evaluate(Run("train", "PPO", 0), tmp_path, Trial("Easy"), lambda _: None)
     assert [renderer.channels for renderer in renderers] == [{1}, {4}, {4}]
+
+
+def test_each_level_has_a_view_of_its_own_world_which_later_runs_share(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    levels = {level: SimpleNamespace(world=f"the world of {level}", starts=np.zeros((1, 4))) for level in LEVELS}
+    viewed, flown = [], []
+    monkeypatch.setattr(Course, "of_level", classmethod(lambda _, level, *__, **___: levels[level]))
+    monkeypatch.setattr(backend, "observation_function", lambda _, world, *__: viewed.append(world) or world)
+    monkeypatch.setattr(backend, "evaluate", lambda *_, observe, **__: flown.append(observe) or [])
+    image_policy("mask").save(tmp_path / POLICY)
+    place = RiverBackend(replace(SUITE, test_levels=LEVELS))
+    for level in ("Easy", "Medium", "Easy"):
+        place.evaluate(RUN_OF_PPO, tmp_path, Trial(level), lambda _: None)
+    assert viewed == ["the world of Easy", "the world of Medium"]
+    assert flown == ["the world of Easy", "the world of Medium", "the world of Easy"]
+
+
+def test_each_encoder_has_a_view_of_its_own(monkeypatch: pytest.MonkeyPatch):
+    arms = (Arm("PPO"), Arm("CUP", encoder="geometry"))
+    course: Any = SimpleNamespace(world="the world")
+    monkeypatch.setattr(backend, "load_compatible_encoder", lambda name: name)
+    monkeypatch.setattr(backend, "check_policy_fits", lambda *_, **__: None)
+    monkeypatch.setattr(backend, "observation_function", lambda _, __, encoder: f"codes of {encoder}")
+    place, policy = RiverBackend(replace(SUITE, arms=arms)), Policy(4, actions_of(MultiDiscrete([3, 3, 3, 3])))
+    seen = [place.observers(Run("train", arms[at].label, 0), Trial("Easy"), [course], policy) for at in (0, 1, 0)]
+    assert seen == [["codes of default"], ["codes of geometry"], ["codes of default"]]
 
 
 def test_a_policy_of_images_sees_the_appearance_of_each_start(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.golden import store
-from tests.golden.traces import GOLDENS
+from tests.golden.traces import CONSTRAINED, GOLDENS, LIMITS, OF_LIMITS
 from thalweg.algos import ALGORITHMS
 from thalweg.core import versions
 
@@ -20,6 +20,14 @@ def test_every_algorithm_and_every_version_is_guarded():
     assert set(versions.ALGORITHMS) == set(ALGORITHMS)
     constants = {name for name in vars(versions) if name.isupper() and name != "ALGORITHMS"}
     assert constants == {golden.version_name for golden in GOLDENS.values() if "ALGORITHMS" not in golden.version_name}
+
+
+@pytest.mark.parametrize("name", [f"{name} above {limits}" for name in CONSTRAINED for limits in LIMITS])
+def test_limits_that_are_exceeded_are_at_work_in_the_kept_traces(name: str):
+    """Where no multiplier is above 0 and no constraint binds, a trace does not depend on how costs are learnt from."""
+    values = store.load(name)["values"]
+    at_work = [values[metric] for metric in OF_LIMITS if metric in values]
+    assert at_work and np.all(np.array(at_work) > 0)
 
 
 @pytest.fixture

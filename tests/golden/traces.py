@@ -25,9 +25,10 @@ from tests.train.small_runs import rows_of, small, train
 from thalweg.algos import ALGORITHMS
 from thalweg.algos.imitation.config import ImitationConfig
 from thalweg.algos.imitation.student import Lesson, Student
-from thalweg.algos.interface import Task
+from thalweg.algos.interface import Feedback, Task
 from thalweg.algos.offpolicy.replay_buffer import valid_transitions
 from thalweg.algos.onpolicy.agent import cost_signals, reward_signal
+from thalweg.algos.onpolicy.config import ConstrainedConfig
 from thalweg.algos.policy.actions import actions_of
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
@@ -275,12 +276,41 @@ def evaluation() -> Trace:
 
 def algorithm(name: str) -> Trace:
     """Parameters and metrics of a small learner after each of three updates on fixed observations and rewards."""
-    settings = small(name) | {"steps_per_update": 128}
+    return _learning(name, rollouts.feedback(0.5, length=5.0, lowest=0.5), lambda actions: (actions != 0)[..., :1])[0]
+
+
+LIMITS: dict[str, tuple[dict[str, Any], tuple[float, ...]]] = {
+    "a limit": ({"cost_limit": 0.44, "cost_limit_schedule": ()}, (0.5,)),
+    "two limits": (
+        {"cost_limits": (0.44, 0.3), "cost_limit_schedule": (), "standardise_cost": False},
+        (0.5, 0.32),
+    ),
+}
+"""Limits, and mean costs that exceed them by so little that there are steps which keep them."""
+OF_LIMITS = ("multiplier", "multiplier_tight", "multiplier_loose", "gate", "binding", "rectifies", "projection_passes")
+"""Metrics that are 0 unless a limit is exceeded."""
+
+
+def above(name: str, limits: str) -> Trace:
+    """As `algorithm`, where what pays costs, the mean costs exceed the limits, and metrics that are 0 otherwise."""
+    settings, costs = LIMITS[limits]
+    settings = settings | ({"centre_minibatches": False} if name == "P3O" and len(costs) > 1 else {})
+    told = rollouts.feedback(*costs, length=5.0, lowest=0.2)
+    found, metrics = _learning(name, told, lambda actions: (actions == 0)[..., : len(costs)], **settings)
+    return found | {key: np.array([each[key] for each in metrics]) for key in OF_LIMITS if key in metrics[0]}
+
+
+def _learning(
+    name: str, told: Feedback, costly: Callable[[torch.Tensor], torch.Tensor], **changes: Any
+) -> tuple[Trace, list[dict[str, float]]]:
+    """The trace of a learner that is told the same in each update, and its metrics in each, where option 0 of the first
+    branch pays 1, and each action [T, N, A] costs 1 that is `costly` [T, N, M]."""
+    settings = small(name) | {"steps_per_update": 128} | changes
     envs, steps, size = 4, 32, 5
     space = gymnasium.spaces.MultiDiscrete([3, 3])
     learner: Any = ALGORITHMS[name].make(ALGORITHMS[name].config(**settings), Task(size, space, envs, 0, {}))
     steps = learner.rollout_steps
-    found, begun = {}, torch.ones(1, envs, dtype=torch.bool)
+    found, begun, log = {}, torch.ones(1, envs, dtype=torch.bool), []
     for update in range(3):
         generator = torch.Generator().manual_seed(update)
         obs = torch.randn(steps + 1, envs, size, generator=generator)
@@ -288,13 +318,13 @@ def algorithm(name: str) -> Trace:
         fresh, begun = torch.cat([begun, ends]), ends[-1:]  # other episodes go on in the next rollout
         actions = torch.stack([learner.act(obs[t], fresh[t]) for t in range(steps)])
         good = (actions[..., 0] == 0).float()
-        costs = (1.0 - good).unsqueeze(-1).expand(-1, -1, len(getattr(learner.config, "limits", ())) or 1)
+        costs = costly(actions).float()
         rollout = rollouts.rollout_of(obs, actions=actions, rewards=good, costs=costs, terminated=ends, fresh=fresh)
-        metrics = learner.update(rollout, rollouts.feedback(0.5, length=5.0, lowest=0.5))
+        metrics = learner.update(rollout, told)
+        log.append(metrics)
         found[f"metrics {update}"] = np.array([value for key, value in sorted(metrics.items()) if "time" not in key])
         found[f"actions {update}"] = actions.double().mean((0, 1)).numpy()
-    found["state"] = _parameters(learner.state())
-    return found
+    return found | {"state": _parameters(learner.state())}, log
 
 
 def _parameters(state: dict) -> np.ndarray:
@@ -415,6 +445,8 @@ def _digits(path: Path) -> np.ndarray:
     return np.array([int(digit, 16) for digit in file_hash(path)], np.float64)
 
 
+CONSTRAINED = [name for name, entry in ALGORITHMS.items() if issubclass(entry.config, ConstrainedConfig)]
+"""Algorithms on policy with cost limits."""
 GOLDENS: dict[str, Golden] = {
     "world": Golden("WORLD", versions.WORLD, world, tolerance=1e-4),
     "render": Golden("RENDER", versions.RENDER, render, tolerance=0.02),
@@ -448,6 +480,13 @@ GOLDENS: dict[str, Golden] = {
     **{
         name: Golden(f'ALGORITHMS["{name}"]', versions.ALGORITHMS[name], partial(algorithm, name))
         for name in versions.ALGORITHMS
+    },
+    **{
+        f"{name} above {limits}": Golden(
+            f'ALGORITHMS["{name}"]', versions.ALGORITHMS[name], partial(above, name, limits)
+        )
+        for name in CONSTRAINED
+        for limits in LIMITS
     },
 }
 """Traces by name. The frames themselves are stored as pictures in `tests/render/golden_frames`."""

@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from tests.algos import rollouts
-from thalweg.algos import AlgorithmError
+from thalweg.algos import ALGORITHMS, AlgorithmError
 from thalweg.algos.interface import Rollout, Task
-from thalweg.algos.onpolicy.agent import Agent
+from thalweg.algos.onpolicy.agent import Agent, cost_signals, reward_signal
 from thalweg.algos.onpolicy.ppo import PPOConfig
 from thalweg.algos.onpolicy.rollout_samples import Samples, Signal
 
@@ -53,6 +53,15 @@ def test_the_policy_says_where_it_comes_from():
     about = agent(adapter="box_scaled").policy.about
     assert about.algorithm == "Some" and about.context == {"encoder": "mine"}
     assert about.config["adapter"] == "box_scaled"
+
+
+def test_the_reward_and_each_cost_have_settings_of_their_own():
+    config = ALGORITHMS["P3O"].configure({"discount": 0.9, "trace": 0.8, "cost_discount": 0.7, "cost_trace": 0.6})
+    steps = rollouts.rollout_of(observations(1), costs=torch.stack([torch.ones(T, N), torch.zeros(T, N)], -1))
+    paid, *costs = reward_signal(config, steps), *cost_signals(config, steps)
+    assert (paid.discount, paid.trace) == (0.9, 0.8) and torch.equal(paid.values, steps.rewards)
+    assert [(cost.discount, cost.trace) for cost in costs] == [(0.7, 0.6)] * 2
+    assert [float(cost.values.mean()) for cost in costs] == [1.0, 0.0]
 
 
 def test_the_first_rollout_is_seen_by_its_own_statistics_and_later_ones_by_those_that_acted():

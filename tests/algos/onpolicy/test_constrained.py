@@ -23,6 +23,13 @@ NAMES = [name for name, entry in ALGORITHMS.items() if issubclass(entry.config, 
 MULTIPLIED = [name for name in NAMES if hasattr(ALGORITHMS[name].config, "multiplier_rate")]
 LIMIT, KEPT, BROKEN = 1.0, 0.0, 5.0
 
+NOTHING = dataclasses.replace(
+    feedback(0.0, episodes=0, largest=0.0, lowest=math.nan, length=math.nan),
+    new_costs=np.zeros((0, 1)),
+    recent_costs=np.zeros((0, 1)),
+)
+"""What is known before any episode has ended."""
+
 
 def learner_for(name: str, space: gym.Space = SPACES["MultiDiscrete"], **settings: Any) -> Any:
     entry = ALGORITHMS[name]
@@ -72,10 +79,20 @@ class TestEveryConstrainedAlgorithm:
         assert after(learner, feedback(BROKEN)) < before - 0.1
 
     def test_before_any_episode_it_takes_what_pays(self, name: str, space: gym.Space):
-        nothing = dataclasses.replace(feedback(0.0), new_costs=np.zeros((0, 1)), recent_costs=np.zeros((0, 1)))
         learner = learner_for(name, space)
         before = probability(learner)
-        assert after(learner, nothing) > before + 0.15
+        assert after(learner, NOTHING) > before + 0.15
+
+
+@pytest.mark.parametrize("settings", [{}, {"cost_limit_schedule": (8.0,)}], ids=["", "schedule"])
+@pytest.mark.parametrize("name", NAMES)
+def test_before_any_episode_parameters_and_losses_stay_finite(name: str, settings: dict[str, Any]):
+    learner = learner_for(name, **settings)
+    metrics = learner.update(tempted(learner, 0), NOTHING)
+    unknown = {key for key, value in metrics.items() if not math.isfinite(value)}
+    assert unknown == {"cost_mean"}
+    weights = [*learner.policy.actor.parameters(), *learner.agent.critics.parameters()]
+    assert all(bool(torch.isfinite(each).all()) for each in weights)
 
 
 @pytest.mark.parametrize("name", NAMES)

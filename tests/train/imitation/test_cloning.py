@@ -12,6 +12,7 @@ import torch
 from tests.datasets import episodes
 from tests.image_policies import image_policy
 from tests.train.imitation.test_imitate import rows
+from thalweg.algos.imitation.student import Student
 from thalweg.algos.policy.vision import NO_OPTION
 from thalweg.cli.main import main
 from thalweg.core import versions
@@ -83,6 +84,14 @@ def test_what_was_flown_is_learnt(tmp_path: Path):
     ]
     np.testing.assert_array_equal(found, shown.options)
     assert policy.about.algorithm == "BC" and policy.about.context["recorded_steps"] == 70
+
+
+def test_the_learning_rate_falls_to_its_least_at_the_end_of_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    folder, learn, rates = recorded(tmp_path / "flights", flight(9)), Student.learn, []
+    monkeypatch.setattr(Student, "learn", lambda own, lesson: rates.append(own.optimiser.rate) or learn(own, lesson))
+    settings = SMALL | {"learning_rate": 0.01}
+    Cloning(tmp_path / "run", [folder], steps=32, sequences=2, settings=settings, threads=1).run()
+    assert rates == pytest.approx([0.01 * (1.0 - 0.95 * share) for share in (0.25, 0.5, 0.75, 1.0)])
 
 
 def test_a_student_begins_with_the_policy_of_another_run(tmp_path: Path):

@@ -1,6 +1,7 @@
 """A run of an imitation: what it writes, how it resumes, and what it refuses."""
 
 import csv
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ import torch
 from tests.image_policies import image_policy
 from thalweg.algos.common.errors import AlgorithmError
 from thalweg.algos.imitation.config import ImitationConfig, Teacher
-from thalweg.algos.imitation.student import Lesson
+from thalweg.algos.imitation.student import Lesson, Student
 from thalweg.cli.main import main
 from thalweg.core import versions
 from thalweg.env import EnvConfig, RiverVectorEnv
@@ -25,7 +26,7 @@ from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER
 from thalweg.train.imitation import flights, gate, imitate
-from thalweg.train.imitation.flights import redraw
+from thalweg.train.imitation.flights import Flights, redraw
 from thalweg.train.imitation.imitate import Imitation
 from thalweg.train.imitation.mirroring import ORDER
 from thalweg.train.imitation.sequences import Sequences
@@ -91,6 +92,38 @@ def test_an_interrupted_run_resumes_to_the_same_numbers(memory: int, tmp_path: P
     flat = [load_policy(tmp_path / name).actor.stack.flat for name in ("whole", "parts")]
     assert torch.equal(*flat)
     assert imitation(tmp_path / "parts", **given).run().already_finished
+
+
+def test_shares_and_rates_fall_and_steps_are_replayed_as_the_settings_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    act, learn, given, lessons = Flights.act, Student.learn, [], []
+
+    def acting(flown: Flights, teacher_share: float, noise: float) -> np.ndarray:
+        given.append((teacher_share, noise))
+        return act(flown, teacher_share, noise)
+
+    def learning(student: Student, lesson: Lesson) -> dict[str, float]:
+        lessons.append((lesson.rows.shape[1], student.optimiser.rate, float(student.scale.count)))
+        return learn(student, lesson)
+
+    monkeypatch.setattr(Flights, "act", acting)
+    monkeypatch.setattr(Student, "learn", learning)
+    settings = SETTINGS | {"replay": 1.5, "noise": 0.25, "in_mirror": False, "learning_rate": 0.01, "capacity": 64}
+    imitation(tmp_path / "run", steps=32, settings=settings).run()
+    # Two environments take 16 steps each, and the teacher has 24 steps of both together.
+    assert given == [(pytest.approx(max(1.0 - 2 * step / 24, 0.0)), 0.25) for step in range(16)]
+    # Two sequences of 4 steps are flown, and from the second update three stored ones are drawn again.
+    rates = [0.01 * (1.0 - 0.95 * share) for share in (0.25, 0.5, 0.75, 1.0)]
+    expected = [
+        [(2, rates[0], 8.0)],
+        *([(2, rates[at], 8.0 * (at + 1)), (3, rates[at], 8.0 * (at + 1))] for at in (1, 2, 3)),
+    ]
+    assert lessons == [pytest.approx(each) for update in expected for each in update]
+    found = rows(tmp_path / "run")
+    assert [float(row["learning_rate"]) for row in found] == pytest.approx(rates)
+    assert [float(row["stored_steps"]) for row in found] == [8.0, 16.0, 24.0, 32.0]
+    assert [math.isnan(float(row["replayed_regret"] or "nan")) for row in found] == [True, False, False, False]
 
 
 @pytest.mark.parametrize(("share", "restarted"), [(0.0, []), (0.5, [0]), (1.0, [0, 1])])

@@ -1,6 +1,7 @@
 """Tests of motion under wind, current and inertia against closed forms, and that without them nothing changes."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from tests.env.vehicle.basins import basin
 from tests.env.winds import wind_of
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.config import DoneReason
+from thalweg.env.forces.weather import wind_now
 from thalweg.env.physics.inertia import Inertia
 
 STEADY = wind_of(speed_m_per_s=4.0, towards_deg=90.0, gust_share=0.0, drift_share=0.2)
@@ -60,6 +62,38 @@ def test_a_vehicle_with_inertia_accelerates_by_no_more_than_its_limit():
     poses = flown(env, FORWARD, 4)
     t = 0.25 * np.arange(1, 5)
     np.testing.assert_allclose(poses[:, 0] - 500.0, 0.5 * 2.0 * t * t, rtol=1e-12)
+
+
+UP = np.array([[1.0, 0.0, 0.0, 0.0]], np.float32)
+SLOW_CLIMB = Inertia(vertical_m_per_s=1.5, vertical_time_constant_s=0.2, vertical_acceleration_m_per_s2=1e6)
+"""Numbers of the climb that differ from those of the other directions."""
+
+
+def test_a_climb_has_a_speed_and_a_lag_of_its_own():
+    t = 0.25 * np.arange(1, 9)
+    climbed = flown(begun(wide_water(), dynamics="inertial", inertia=SLOW_CLIMB), UP, 8)[:, 2] - MIDDLE[2]
+    np.testing.assert_allclose(climbed, 1.5 * (t - 0.2 * (1 - np.exp(-t / 0.2))), rtol=1e-9)
+
+
+def test_a_climb_has_an_acceleration_of_its_own():
+    quick = Inertia(vertical_m_per_s=4.0, vertical_time_constant_s=0.2, vertical_acceleration_m_per_s2=0.8)
+    t = 0.25 * np.arange(1, 5)
+    climbed = flown(begun(wide_water(), dynamics="inertial", inertia=quick), UP, 4)[:, 2] - MIDDLE[2]
+    np.testing.assert_allclose(climbed, 0.5 * 0.8 * t * t, rtol=1e-9)
+
+
+def test_a_gust_lifts_a_vehicle_with_inertia_by_its_drag():
+    inertia = replace(SLOW_CLIMB, drag_per_s=0.7)
+    env = begun(wide_water(), wind=wind_of(speed_m_per_s=3.0, gust_share=0.2), dynamics="inertial", inertia=inertia)
+    expected, velocity, left = MIDDLE[2], 0.0, math.exp(-0.25 / 0.2)
+    for _ in range(20):
+        upwards = wind_now(0, env.forces.numbers, env.forces.state)[2]
+        target = 0.7 * 0.2 * upwards
+        expected += target * 0.25 + (velocity - target) * 0.2 * (1 - left)
+        velocity = target + (velocity - target) * left
+        z = env.step(STILL)[0][0, 2]
+        assert z == pytest.approx(expected, abs=1e-9)
+    assert abs(expected - MIDDLE[2]) > 0.01
 
 
 def test_a_boat_with_inertia_neither_climbs_nor_says_so():

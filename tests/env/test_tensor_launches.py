@@ -1,6 +1,7 @@
 """Launches of environments of tensors, by a card that the host plays: they are given what the CPU's loops are."""
 
 from collections.abc import Callable
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,6 +12,7 @@ from thalweg.core.compute import gpu, launch_graphs
 from thalweg.env import EnvConfig
 from thalweg.env.device import cuda_step
 from thalweg.env.device.step import advance_all
+from thalweg.env.device.unit_actions import tensor_unit_actions
 from thalweg.env.task.ideal_eye import see_all
 from thalweg.env.task.priced.eye import see_all_in_task
 from thalweg.env.task.priced.props import all_props
@@ -56,7 +58,7 @@ def test_launched_steps_equal_those_of_the_cpu(easy_world: World, launched: list
         env.reset(seed=3)
     assert there._actions.shape == (5, 4)  # allocated before the device is replaced
     there.device = there._launcher.device = SimpleNamespace(type="cuda")  # pyright: ignore[reportAttributeAccessIssue]
-    there._unit_actions = here._unit_actions
+    there._unit_actions = partial(tensor_unit_actions, config.action, count=5, fast_ratio=config.fast_ratio)
     for step in range(40):
         actions = torch.randint(0, 3, (5, 4), generator=torch.Generator().manual_seed(step))
         (seen, reward, *_, info), (seen_there, reward_there, *_, info_there) = here.step(actions), there.step(actions)

@@ -26,15 +26,15 @@ from thalweg.env.device.memory import bytes_per_env, check_memory, free_bytes
 from thalweg.env.device.observer import BUFFERS, TensorObserver
 from thalweg.env.device.pushed_step import advance_pushed_all
 from thalweg.env.device.step import advance_all, reset_arguments
+from thalweg.env.device.unit_actions import tensor_unit_actions
 from thalweg.env.forces.arrays import ForceState, empty_forces, force_numbers
 from thalweg.env.forces.of_many import PREFIX, check_forces, write_winds
 from thalweg.env.given import check_config, worlds_of
 from thalweg.env.initial_poses import random_start
 from thalweg.env.rivers.river_list import RiverList
-from thalweg.env.spaces import FORWARD, ActionError, action_space, observation_space, to_unit_actions
+from thalweg.env.spaces import ActionError, action_space, observation_space, to_unit_actions
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
-from thalweg.env.task.motion import ROUNDING
 from thalweg.env.task.priced.station import greatest_ways
 from thalweg.env.task.proprioception import no_last_step
 from thalweg.env.task.rules import TASK_STATE, Outcome, State, empty_outcome, empty_state
@@ -293,23 +293,9 @@ class TensorRiverEnv:
         if self.device.type == "cpu" and actions.device.type == "cpu":
             given = actions.detach().numpy()
             return torch.from_numpy(to_unit_actions(self.config.action, given, self.num_envs, self.config.fast_ratio))
-        if actions.shape != (self.num_envs, 4) or actions.device != self.device:
-            raise ActionError(
-                f"actions have shape {tuple(actions.shape)} on {actions.device};"
-                f" needed: ({self.num_envs}, 4) on {self.device}"
-            )
-        integers = not (actions.is_floating_point() or actions.is_complex() or actions.dtype == torch.bool)
-        if self.config.action == "multidiscrete" and not integers:
-            raise ActionError(f"actions have type {actions.dtype}; multidiscrete actions are integers 0, 1 or 2")
-        units = actions.detach().double()
-        if self.config.action == "multidiscrete":
-            return (1.0 - units).clamp(-1.0, 1.0).contiguous()
-        units = units.clamp(-1.0, 1.0)
-        if ratio := self.config.fast_ratio:
-            share = units[:, FORWARD].clamp(min=0.0)
-            steps = share * ratio
-            units[:, FORWARD] = torch.where(steps <= 1.0 + ROUNDING, steps.clamp(max=1.0), -share)
-        return units.contiguous()
+        if actions.device != self.device:
+            raise ActionError(f"actions are on {actions.device}; needed: {self.device}")
+        return tensor_unit_actions(self.config.action, actions.detach(), self.num_envs, self.config.fast_ratio)
 
     def _info(self) -> Info:
         tensors = self._tensors

@@ -157,15 +157,18 @@ def check_frames(table: Table, worlds: Sequence[World], count: int, device: torc
             table.add("codes apart", most, "deviations", 1e-2, most <= 1e-2, **at)
 
 
-def check_rules(table: Table, worlds: Sequence[World], envs: int, steps: int, device: torch.device) -> None:
-    """Compare done reasons, rewards, costs and poses of both sides under the same random actions."""
-    config = EnvConfig(observation="none")
+def check_rules(
+    table: Table, worlds: Sequence[World], envs: int, steps: int, device: torch.device, **options: Any
+) -> None:
+    """Compare done reasons, rewards, costs and poses of both sides under the same random actions; `options` are more
+    settings of `EnvConfig`."""
+    config = EnvConfig(observation="none", **options)
     sides = [TensorRiverEnv(worlds, envs, config, device=str(side)) for side in ("cpu", device)]
     for side in sides:
         side.reset(seed=0)
     generator, alike, furthest = torch.Generator().manual_seed(0), 0, 0.0
     for _ in range(steps):
-        actions = torch.randint(0, 3, (envs, 4), generator=generator)
+        actions = torch.randint(0, 3, (envs, 4), generator=generator) - int(config.action == "continuous")
         (_, reward, *_, here), (_, reward_there, *_, there) = (side.step(actions.to(side.device)) for side in sides)
         same = reward == reward_there.cpu()
         for name in ("costs", "done_reason"):

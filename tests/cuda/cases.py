@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from tests.env.vehicle.basins import arch_at, basin
 from tests.render.plain import plane, plants_at
 from thalweg.env import EnvConfig
 from thalweg.env.physics.wind import Wind
@@ -70,6 +71,24 @@ def flown_in_wind() -> dict[str, np.ndarray]:
     chosen = torch.rand(STEPS // 2, FLIGHTS, 4, generator=torch.Generator().manual_seed(0)) * 2 - 1
     infos = [env.step(actions)[-1] for actions in chosen]
     return {name: np.array([info[name].numpy() for info in infos]) for name in ("pose", "wind", "velocity", "costs")}
+
+
+def flown_by_boats(windy: bool) -> dict[str, np.ndarray]:
+    """What happens to boats in a basin with shoals, rocks and a bridge, and what they see of it; under wind, current
+    and inertia if `windy`."""
+    world = basin(
+        lambda x, y: 0.6 - 0.06 * np.abs(y), rocks=((20.0, 1.0, 0.7), (40.0, -2.0, 0.5)), bridges=arch_at(30.0, 10.0)
+    )
+    forces: dict[str, Any] = {"dynamics": "inertial", "wind": Wind(), "current_m_per_s": (0.2, 0.6)} if windy else {}
+    config = EnvConfig(observation="privileged", vehicle="asv", action="continuous", max_idle_steps=8, **forces)
+    env = TensorRiverEnv([world], FLIGHTS, config, device="cpu")
+    env.reset(seed=0)
+    chosen = torch.rand(STEPS // 2, FLIGHTS, 4, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    chosen[..., 2] = 1.0  # ahead, so that there is something to hit
+    steps = [env.step(actions) for actions in chosen]
+    names = "pose", "costs", "done_reason", *(("wind", "velocity") if windy else ())
+    found = {name: np.array([info[name].numpy() for *_, info in steps]) for name in names}
+    return found | {"seen": np.array([obs.numpy() for obs, *_ in steps])}
 
 
 def _mixed(places):

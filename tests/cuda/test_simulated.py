@@ -111,3 +111,14 @@ def test_flights_under_wind_current_and_inertia_equal_those_of_the_cpu(tmp_path:
     assert np.abs(wanted["wind"]).max() > 1 and np.abs(wanted["velocity"]).max() > 1
     for name, values in wanted.items():
         np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("windy", [False, True])
+def test_boats_go_where_those_of_the_cpu_go_and_see_what_they_see(tmp_path: Path, windy: bool):
+    path = tmp_path / "flown.npz"
+    simulated("simulate_rules", str(path), "boats in wind" if windy else "boats")
+    found, wanted = np.load(path), cases.flown_by_boats(windy)
+    assert len(set(wanted["done_reason"].ravel())) >= 3 and wanted["seen"].std((0, 1)).max() > 0.1
+    for name, values in wanted.items():
+        np.testing.assert_allclose(found[name], values, rtol=0, atol=1e-5 if name == "seen" else 1e-9)

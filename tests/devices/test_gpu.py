@@ -101,6 +101,22 @@ def test_all_but_ten_of_a_million_random_steps_equal_those_of_the_cpu(
     assert [row for row in table.rows if row["holds"] != "yes"] == []
 
 
+@pytest.mark.parametrize(
+    "forces", [{}, {"action": "continuous", "dynamics": "inertial", "wind": Wind()}], ids=["calm", "wind"]
+)
+def test_steps_of_boats_equal_those_of_the_cpu(forces: dict[str, Any], easy_world: World, card: torch.device):
+    table = gpu.Table("")
+    gpu.check_rules(table, [easy_world], 1024, 100, card, vehicle="asv", **forces)
+    assert [row for row in table.rows if row["holds"] != "yes"] == []
+
+
+def test_boats_see_what_those_of_the_cpu_see(easy_world: World, card: torch.device):
+    config = EnvConfig(observation="privileged", vehicle="asv")
+    sides = [TensorRiverEnv([easy_world], 256, config, device=side) for side in ("cpu", str(card))]
+    here, there = (side.reset(seed=0)[0].cpu().numpy() for side in sides)
+    np.testing.assert_allclose(there, here, rtol=0, atol=1e-4)
+
+
 @pytest.mark.parametrize("quality", ["full", "fast"])
 @pytest.mark.parametrize("channels", [4, 1])
 def test_replayed_frames_equal_those_that_are_launched(

@@ -11,18 +11,27 @@ import torch
 from thalweg.core.compute import gpu, launch_graphs
 from thalweg.env import EnvConfig
 from thalweg.env.device import cuda_step
+from thalweg.env.device.pushed_step import advance_pushed_all
 from thalweg.env.device.step import advance_all
 from thalweg.env.device.unit_actions import tensor_unit_actions
+from thalweg.env.forces.of_many import write_winds
+from thalweg.env.physics.wind import Wind
 from thalweg.env.task.ideal_eye import see_all
 from thalweg.env.task.priced.eye import see_all_in_task
 from thalweg.env.task.priced.props import all_props
 from thalweg.env.task.proprioception import feel_all
 from thalweg.env.torch_env import TensorRiverEnv
+from thalweg.env.vehicle.boat_eye import see_boats
 from thalweg.world import World
 
 ON_THE_HOST = {
     cuda_step.advance: advance_all,
+    cuda_step.advance_boats: advance_all,
+    cuda_step.advance_pushed: advance_pushed_all,
+    cuda_step.advance_pushed_boats: advance_pushed_all,
+    cuda_step.write_winds: write_winds,
     cuda_step.see: see_all,
+    cuda_step.see_boats: see_boats,
     cuda_step.see_in_task: see_all_in_task,
     cuda_step.props: all_props,
     cuda_step.feel: feel_all,
@@ -50,9 +59,24 @@ def launched(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
-@pytest.mark.parametrize(("task", "eye"), [("River", "see"), ("Swimmers", "see_in_task")])
-def test_launched_steps_equal_those_of_the_cpu(easy_world: World, launched: list[str], task: Any, eye: str):
-    config = EnvConfig(observation=("proprioception", "privileged"), task=task)
+WINDY: dict[str, Any] = {"action": "continuous", "dynamics": "inertial", "wind": Wind()}
+
+
+@pytest.mark.parametrize(
+    ("options", "kernels"),
+    [
+        ({}, ["advance", "feel", "see"]),
+        ({"task": "Swimmers"}, ["advance", "feel", "see_in_task"]),
+        ({"vehicle": "asv"}, ["advance_boats", "feel", "see", "see_boats"]),
+        (WINDY, ["advance_pushed", "feel", "see", "write_winds"]),
+        ({"vehicle": "asv"} | WINDY, ["advance_pushed_boats", "feel", "see", "see_boats", "write_winds"]),
+    ],
+    ids=["River", "Swimmers", "boats", "wind", "boats in wind"],
+)
+def test_launched_steps_equal_those_of_the_cpu(
+    easy_world: World, launched: list[str], options: dict[str, Any], kernels: list[str]
+):
+    config = EnvConfig(observation=("proprioception", "privileged"), **options)
     here, there = (TensorRiverEnv(easy_world, 5, config, device="cpu") for _ in range(2))
     for env in (here, there):
         env.reset(seed=3)
@@ -61,8 +85,9 @@ def test_launched_steps_equal_those_of_the_cpu(easy_world: World, launched: list
     there._unit_actions = partial(tensor_unit_actions, config.action, count=5, fast_ratio=config.fast_ratio)
     for step in range(40):
         actions = torch.randint(0, 3, (5, 4), generator=torch.Generator().manual_seed(step))
+        actions -= int(config.action == "continuous")
         (seen, reward, *_, info), (seen_there, reward_there, *_, info_there) = here.step(actions), there.step(actions)
         assert all(torch.equal(seen[part], seen_there[part]) for part in config.parts)
         assert torch.equal(reward, reward_there)
-        assert torch.equal(info["pose"], info_there["pose"])
-    assert launched == ["advance", "feel", eye] * 40
+        assert all(torch.equal(info[name], info_there[name]) for name in info)
+    assert launched == kernels * 40

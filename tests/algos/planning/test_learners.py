@@ -346,3 +346,22 @@ def test_values_are_learnt_within_the_bounds_of_the_settings(name: str):
 def test_bounds_that_are_none_are_refused(bounds: list[float]):
     with pytest.raises(AlgorithmError, match="return_bounds"):
         learner_for("CCEPETS", return_bounds=bounds)
+
+
+@pytest.mark.parametrize(
+    ("space", "entropy_in_targets", "below", "most"),
+    [
+        (OPTIONS, True, 0.0, math.log(6)),
+        (OPTIONS, False, 0.0, math.log(6)),
+        (BOX, True, math.inf, 2 * math.log(2)),
+        (BOX, False, 0.0, 2 * math.log(2)),
+    ],
+)
+@pytest.mark.parametrize(("discount", "decisions"), [(0.9, 10.0), (1.0, 1000.0)])
+def test_soft_values_may_lie_beyond_what_an_episode_pays_by_the_entropy_of_its_decisions(
+    space: gym.Space, entropy_in_targets: bool, below: float, most: float, discount: float, decisions: float
+):
+    """An entropy is between 0 and ln 6 for six joint actions, and at most ln 4 for two numbers in -1..1."""
+    learner = learner_for("SafeLOOP", space, discount=discount, entropy_in_targets=entropy_in_targets)
+    found = learner._entropy_slack(torch.tensor(0.5))
+    assert (found[0], float(found[1])) == (below, pytest.approx(0.5 * most * decisions, rel=1e-5))

@@ -1,9 +1,11 @@
 """Tests of SafeLOOP: losses and terminal values against values by hand and enumeration, and weights of candidates."""
 
+import copy
 import dataclasses
 import itertools
 
 import gymnasium as gym
+import numpy as np
 import pytest
 import torch
 
@@ -12,15 +14,18 @@ from thalweg.algos.maths import losses, planning
 from thalweg.algos.planning.imagined_rollouts import PlanOutcomes
 from thalweg.algos.planning.planner import Budget
 from thalweg.algos.planning.safeloop import SafeARC, SafeLOOPConfig, actor_loss
-from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.planning.soft_actor_critic import ContinuousSoftActorCritic
+from thalweg.algos.policy.actions import Adapter, actions_of
+from thalweg.algos.policy.distributions import LOG_STD_RANGE
+from thalweg.algos.policy.mlp import StackedMLP
 
 F64 = torch.float64
 
 
-def method_for(space: gym.Space = OPTIONS, **settings) -> SafeARC:
+def method_for(space: gym.Space = OPTIONS, adapter: Adapter = "native", **settings) -> SafeARC:
     made = SafeARC(
         SafeLOOPConfig(hidden=(8,), **settings),
-        actions_of(space, "native", "squashed"),
+        actions_of(space, adapter, "squashed"),
         3,
         lambda: torch.tensor(2.0),
         generator(),
@@ -84,6 +89,62 @@ def test_continuous_terminal_value_uses_the_actors_mode():
     middle = method.soft.actor(obs).chunk(2, -1)[0].tanh()
     wanted = method.soft.critics.reference(torch.cat([obs, middle], -1)).squeeze(-1).amin(0)
     assert torch.allclose(method.soft.value(obs), wanted, atol=1e-6)
+
+
+def sampled(soft: ContinuousSoftActorCritic, obs: torch.Tensor) -> tuple[np.ndarray, np.ndarray]:
+    """Actions [R, 2] of the actor by the noise of `generator()`, and their log-densities [R]."""
+    mean, log_std = np.split(soft.actor(obs).detach().double().numpy(), 2, axis=-1)
+    log_std = log_std.clip(*LOG_STD_RANGE)
+    noise = torch.randn(mean.shape, generator=generator()).double().numpy()
+    actions = np.tanh(mean + np.exp(log_std) * noise)
+    log_density = -0.5 * noise**2 - log_std - 0.5 * np.log(2 * np.pi) - np.log(1 - actions**2)
+    return actions, log_density.sum(-1)
+
+
+def least_value(critics: StackedMLP, obs: torch.Tensor, actions: np.ndarray) -> np.ndarray:
+    """The smaller of the values [R] that two critics give to actions [R, 2]."""
+    pairs = torch.cat([obs, torch.from_numpy(actions).float()], -1)
+    return critics.reference(pairs).squeeze(-1).detach().double().numpy().min(0)
+
+
+def middles(actions: np.ndarray) -> np.ndarray:
+    """The numbers that three and two options stand for, -1, 0, 1 and -1, 1, to which actions [R, 2] are nearest."""
+    return np.stack([np.round(actions[:, 0]), np.sign(actions[:, 1])], -1)
+
+
+def continuous(space: gym.Space = OPTIONS, adapter: Adapter = "box_scaled") -> ContinuousSoftActorCritic:
+    soft = method_for(space, adapter).soft
+    assert isinstance(soft, ContinuousSoftActorCritic)
+    return soft
+
+
+@pytest.mark.parametrize(("space", "adapter"), [(BOX, "native"), (OPTIONS, "box_scaled")], ids=["box", "options"])
+def test_a_continuous_value_of_the_next_state_is_that_of_one_executed_action(space: gym.Space, adapter: Adapter):
+    soft, obs = continuous(space, adapter), torch.randn(40, 3, generator=generator(2))
+    slow = copy.deepcopy(soft.critics)
+    slow.flat.data += 0.3 * torch.randn(slow.flat.shape, generator=generator(3))
+    found = soft.next_values(slow, obs, torch.tensor(0.3), generator())
+    actions, log_density = sampled(soft, obs)
+    executed = actions if adapter == "native" else middles(actions)
+    assert found.detach().numpy() == pytest.approx(least_value(slow, obs, executed) - 0.3 * log_density, abs=1e-4)
+
+
+def test_continuous_critics_learn_the_values_of_executed_actions():
+    soft, obs = continuous(), torch.randn(40, 3, generator=generator(2))
+    raw = 2.0 * torch.rand(40, 2, generator=generator(3)) - 1.0
+    pairs = torch.cat([obs, torch.from_numpy(middles(raw.numpy())).float()], -1)
+    torch.testing.assert_close(soft.q_values(obs, raw), soft.critics.reference(pairs).squeeze(-1), rtol=0, atol=1e-5)
+
+
+def test_a_continuous_actor_raises_value_and_entropy_of_its_own_action():
+    soft, obs = continuous(), torch.randn(40, 3, generator=generator(2))
+    values, entropy = soft.objective(obs, generator())
+    actions, log_density = sampled(soft, obs)
+    assert values.detach().numpy() == pytest.approx(least_value(soft.critics, obs, actions), abs=1e-4)
+    assert entropy.detach().numpy() == pytest.approx(-log_density, abs=1e-4)
+    actor_loss(values, entropy, torch.tensor(0.3)).backward()
+    gradients = [each.grad for each in (soft.actor.stack.flat, soft.critics.flat)]
+    assert gradients[0] is not None and gradients[0].abs().max() > 0 and gradients[1] is None
 
 
 def outcomes() -> PlanOutcomes:

@@ -100,6 +100,16 @@ def test_a_continuous_action_forward_reaches_to_the_fast_step_and_a_pilot_takes_
     assert np.hypot(*(info["pose"] - before)[:, :2].T) == pytest.approx([0, 0, 0.5, 1.0, 1.5, 2.0])
 
 
+def test_steps_over_land_are_not_idle():
+    env = made("Portage", ring(), 1, "DISABLED", max_idle_steps=3)
+    env.reset(seed=0)
+    env.state.idle[:] = 2
+    env.state.pose[0] = [0.0, 0.0, 8.0, 0.0]  # in the middle of the ring, far from its water
+    for _ in range(5):
+        _, _, _, _, info = env.step(np.ones((1, 4), np.int64))
+        assert info["done_reason"][0] == -1 and env.state.idle[0] == 2
+
+
 @pytest.mark.parametrize("step_m", [0.3, 0.6, 1.1, 1.2, 1.6])
 def test_a_step_that_float32_makes_longer_is_no_fast_one(step_m: float):
     ratio = EnvConfig(task="Swimmers", forward_step_m=step_m).fast_ratio

@@ -130,6 +130,50 @@ def test_r_squared_is_that_worked_by_hand():
     assert found[0] == pytest.approx(1 - (4 / 3) / (8 / 3)) and np.isnan(found[1]) and found[2] == 1.0
 
 
+def state_of(config: GeometryConfig) -> training._State:
+    return training._State(config, Synthetic().scale, {"seed": 0, "precision": "float32", "epochs": 5}, "cpu")
+
+
+def test_the_learning_rate_falls_along_a_half_cosine_to_its_least(monkeypatch: pytest.MonkeyPatch):
+    taken: list[float] = []
+    state = state_of(replace(CONFIG, learning_rate=0.01, least_rate=0.1, batch=64))
+    monkeypatch.setattr(state, "_step", lambda *_: taken.append(state.optimizer.param_groups[0]["lr"]) or 0.0)
+    monkeypatch.setattr(state, "_score", lambda _: None)
+    lessons = Synthetic(16)
+    told = [state.epoch(lessons, epoch)["learning_rate"] for epoch in range(5)]
+    halves = [1.0, 0.5 + 0.125**0.5, 0.5, 0.5 - 0.125**0.5, 0.0]
+    expected = [0.01 * (0.1 + 0.9 * half) for half in halves]
+    assert taken == pytest.approx(expected) and told == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("weights", [(), (1.0, 0.25)])
+def test_quantities_are_learnt_and_scored_by_their_weights(weights: tuple[float, ...], monkeypatch: pytest.MonkeyPatch):
+    state, given, frames = state_of(replace(CONFIG, weights=weights)), [], Synthetic(16).lesson
+    monkeypatch.setattr(training, "geometry_loss", lambda *all_: given.append(all_[2].tolist()) or geometry_loss(*all_))
+    state._step(frames.frames, frames.truths)
+    assert given == [[*(weights or (1.0, 1.0))]]
+    for found, score in (([0.5, 1.0], 0.6 if weights else 0.75), ([0.5, np.nan], 0.5), ([np.nan, np.nan], None)):
+        monkeypatch.setattr(training, "r_squared", lambda *_, found=found: np.array(found))
+        assert state._score(frames) == (score if score is None else pytest.approx(score))
+
+
+@pytest.mark.parametrize(("steep", "clipped"), [(1e6, True), (1e-6, False)])
+def test_steep_gradients_are_clipped(steep: float, clipped: bool, monkeypatch: pytest.MonkeyPatch):
+    state, norms, frames = state_of(CONFIG), [], Synthetic(16).lesson
+
+    def note() -> None:
+        norms.append(
+            float(
+                torch.stack([each.grad.norm() for each in state.network.parameters() if each.grad is not None]).norm()
+            )
+        )
+
+    monkeypatch.setattr(state.optimizer, "step", note)
+    monkeypatch.setattr(training, "geometry_loss", lambda *given: steep * geometry_loss(*given))
+    state._step(frames.frames, frames.truths)
+    assert norms[0] == pytest.approx(1.0, rel=1e-3) if clipped else 0.0 < norms[0] < 1e-3
+
+
 def test_a_file_gives_the_same_codes_and_says_what_it_is(tmp_path: Path, frames: np.ndarray):
     network = trained_looking()
     save_geometry(tmp_path / "eye.safetensors", network, {"render_version": 3})

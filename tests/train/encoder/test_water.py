@@ -40,6 +40,24 @@ def test_varied_frames_keep_water_under_its_colours():
     np.testing.assert_array_equal(np.asarray(colours[:, 2] > 0.5)[inner], np.asarray(water > 0)[inner])
 
 
+def test_the_learning_rate_falls_along_a_half_cosine_to_its_least(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drawn: list[int]
+):
+    real, found = water._State.epoch, []
+
+    def epoch(self: Any, *given: Any) -> Any:
+        row = real(self, *given)
+        found.append((row["learning_rate"], self.optimizer.param_groups[0]["lr"]))
+        return row
+
+    monkeypatch.setattr(water._State, "epoch", epoch)
+    training(tmp_path, epochs=12, images=4).run()
+    shares = 0.5 * (1.0 + np.cos(np.pi * np.arange(12) / 12))
+    expected = water.RATE * np.maximum(shares, water.LEAST_RATE)
+    assert shares[-1] < water.LEAST_RATE < shares[-2]
+    assert np.array(found) == pytest.approx(np.stack([expected, expected], -1))
+
+
 @pytest.fixture
 def drawn(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Frames without a river in place of those of the renderer, and the seeds by which they are drawn."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.render.plain import plane
-from thalweg.core.compute.threads import set_num_threads
+from thalweg.core.compute.threads import get_num_threads, set_num_threads
 from thalweg.render import Camera, Look, Renderer, RenderError, lens_drawing, renderer
 from thalweg.render.optics.lens import Lens
 from thalweg.render.records.classes import GROUND, WATER
@@ -127,13 +127,14 @@ def test_frames_do_not_depend_on_batch_threads_and_what_else_is_drawn(monkeypatc
     looks = [Look(noise=4.0), Look(fov_deg=5.0), Look(haze=2.0)]
     frames = drawn.render(poses, time_s=[0.0, 1.0, 2.0], look=looks)
     monkeypatch.setattr(lens_drawing, "FRAMES_PER_THREAD", 1)
+    before = get_num_threads()
     set_num_threads(1)
     try:
         alone = [drawn.render(poses[n : n + 1], time_s=float(n), look=looks[n])[0] for n in range(3)]
         together = drawn.render(poses, time_s=[0.0, 1.0, 2.0], look=looks)
         layers = drawn.render_layers(poses, look=looks, layers=("depth_m", "mask"))
     finally:
-        set_num_threads(2)
+        set_num_threads(before)
     np.testing.assert_array_equal(frames, alone)
     np.testing.assert_array_equal(frames, together)
     np.testing.assert_array_equal(frames[..., 3], drawn.render_mask(poses, look=looks))

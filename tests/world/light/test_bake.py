@@ -300,6 +300,8 @@ def test_result_is_the_same_for_any_number_of_threads():
     plants = scatter(grid, ground, water, shore, clear, 1.0, np.random.default_rng(1))
     results = []
     before = get_num_threads()
+    if before == 1:
+        pytest.skip("there is one thread only")
     for threads in (1, before):
         set_num_threads(threads)
         results.append(bake(grid, ground, water, plants, BRIDGE, 2.0, 0.96))

@@ -57,12 +57,22 @@ def test_a_river_is_in_its_slot_until_it_is_given_back():
 
 def test_rivers_that_all_fit_are_prepared_in_several_threads(monkeypatch: pytest.MonkeyPatch):
     pool = RiverPool(RiverList(different(9)), CONFIG, 2)
-    prepare, threads = RiverPool._prepare, set()
+    prepare, lock, together = RiverPool._prepare, threading.Lock(), threading.Event()
+    running, most = 0, 0
 
     def noted(self: RiverPool, river: int):
-        threads.add(threading.get_ident())
-        time.sleep(0.02)  # so that another thread takes the next one
-        return prepare(self, river)
+        nonlocal running, most
+        with lock:
+            running += 1
+            most = max(most, running)
+            if running == 3:
+                together.set()
+        together.wait(10.0)  # until three are prepared at the same time
+        time.sleep(0.02)  # so that a fourth one would be among them
+        prepared = prepare(self, river)
+        with lock:
+            running -= 1
+        return prepared
 
     monkeypatch.setattr(RiverPool, "_prepare", noted)
     monkeypatch.setattr(pool_module, "get_num_threads", lambda: 3)
@@ -70,8 +80,18 @@ def test_rivers_that_all_fit_are_prepared_in_several_threads(monkeypatch: pytest
     slots = list(pool.take_all(wanted))
     assert [pool.river[slot] for slot in slots] == wanted
     assert [int(pool.courses.segments[slot]) for slot in slots] == [40 + river for river in wanted]
-    assert len(threads) == 3
+    assert most == 3
     assert pool._uses[slots[0]] == 2
+
+
+def test_a_river_of_several_environments_is_prepared_once(monkeypatch: pytest.MonkeyPatch):
+    pool = RiverPool(RiverList(different(9)), CONFIG, 2)
+    prepare, prepared = RiverPool._prepare, []
+    monkeypatch.setattr(RiverPool, "_prepare", lambda own, river: prepared.append(river) or prepare(own, river))
+    monkeypatch.setattr(pool_module, "get_num_threads", lambda: 3)
+    slots = list(pool.take_all([4, 2, 4, 4, 2, 1, 4, 1, 4]))
+    assert [pool.river[slot] for slot in slots] == [4, 2, 4, 4, 2, 1, 4, 1, 4]
+    assert sorted(prepared) == [1, 2, 4]
 
 
 def test_of_more_rivers_than_fit_one_is_prepared_at_a_time():

@@ -107,7 +107,8 @@ class RiverPool:
         together = 2 * get_num_threads() if self.slots >= len(self.rivers) else 1
         for first in range(0, len(rivers), together):
             some = rivers[first : first + together]
-            missing = [river for river in some if river not in self._slot_of and river not in self._coming]
+            new = (river for river in some if river not in self._slot_of and river not in self._coming)
+            missing = list(dict.fromkeys(new))  # several environments may begin in the same river
             ready: dict[int, Prepared] = {}
             if len(missing) > 1:
                 with ThreadPoolExecutor(get_num_threads(), "thalweg-rivers") as threads:

@@ -1,19 +1,30 @@
 """Runs beside each other: the same results as one after the other, whoever dies on the way."""
 
 import errno
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from rich.console import Console
 
 from tests.bench.small_backend import SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.execute.executors import LOGS, ExecutionContext, ProcessPoolExecutor, SerialExecutor, run_row
+from thalweg.bench.execute import executors
+from thalweg.bench.execute.executors import (
+    LOGS,
+    THREAD_VARIABLES,
+    ExecutionContext,
+    ProcessPoolExecutor,
+    SerialExecutor,
+    run_row,
+)
 from thalweg.bench.execute.runner import run_suite, selected_runs
 from thalweg.bench.results.results import read_runs
 from thalweg.bench.suite.arms import Run
@@ -123,6 +134,41 @@ def test_a_process_that_dies_is_a_failed_run_and_is_tried_again(tmp_path: Path, 
     assert len([row for row in read_runs(tmp_path) if row.status == "finished"]) == 4
     assert run_suite(SUITE, tmp_path, SmallBackend(), executor=ProcessPoolExecutor(2)).failed == []
     assert tables(tmp_path) == one_by_one
+
+
+@pytest.mark.parametrize(("cores", "jobs", "threads"), [(7, 2, "3"), (1, 2, "1")])
+def test_processes_share_the_cores_and_this_one_keeps_its_own(
+    cores: int, jobs: int, threads: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    started: list[tuple[str | None, ...]] = []
+
+    def numbers() -> tuple[str | None, ...]:
+        return tuple(map(os.environ.get, THREAD_VARIABLES))
+
+    class Process:
+        """A process that is over as soon as it starts, and notes what it would inherit."""
+
+        exitcode = 0
+
+        def __init__(self, target: Any, args: Any) -> None:
+            self.sender, self.run = args[:2]
+
+        def start(self) -> None:
+            started.append(numbers())
+            self.sender.send(run_row(self.run, context, "over"))
+
+        def join(self) -> None:
+            """It has ended."""
+
+    spawn = SimpleNamespace(Pipe=multiprocessing.Pipe, Process=Process)
+    monkeypatch.setattr(executors.multiprocessing, "get_context", lambda _: spawn)
+    monkeypatch.setattr(executors, "usable_cores", lambda: cores)
+    monkeypatch.setenv(THREAD_VARIABLES[0], "5")
+    monkeypatch.delenv(THREAD_VARIABLES[1], raising=False)
+    context = ExecutionContext(SUITE, tmp_path, SmallBackend(), Console(quiet=True))
+    rows = ProcessPoolExecutor(jobs).execute(context, [Run("train", "PPO", seed) for seed in range(3)])
+    assert sorted(row.run for row in rows) == ["PPO-0", "PPO-1", "PPO-2"]
+    assert started == [(threads, threads)] * 3 and numbers() == ("5", None)
 
 
 @pytest.mark.slow

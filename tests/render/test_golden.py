@@ -28,7 +28,6 @@ def test_the_golden_frames_are_of_this_version():
 
 
 @pytest.mark.parametrize("name", golden.names())
-@pytest.mark.slow
 def test_a_frame_is_near_the_golden_one(name: str, frames: np.ndarray):
     place = golden.names().index(name)
     apart = golden.difference(frames[place], golden.load()[1][place])

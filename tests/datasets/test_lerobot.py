@@ -19,7 +19,7 @@ from PIL import Image
 from tests.datasets.episodes import ABOUT, SIZE, assert_same, flight, without
 from thalweg.datasets.episode import check_episode
 from thalweg.datasets.errors import DatasetError
-from thalweg.datasets.lerobot_statistics import PictureCounts
+from thalweg.datasets.lerobot_statistics import PictureCounts, of_numbers, together
 from thalweg.datasets.recordings import add_flight, read_recordings, recording
 
 FLIGHTS = [flight(3), flight(5, seed=1, ended=False)]
@@ -96,6 +96,30 @@ def test_statistics_are_those_of_all_frames(written: Path):
     frames = np.concatenate([each.rgb[:-1] for each in FLIGHTS]) / 255.0
     assert np.shape(found[CAMERA]["mean"]) == (3, 1, 1)
     np.testing.assert_allclose(np.ravel(found[CAMERA]["mean"]), frames.mean(axis=(0, 1, 2)))
+
+
+def test_statistics_of_several_flights_are_those_of_all_their_rows():
+    flights = [np.random.default_rng(size).normal(size, size + 1.0, (size, 3)) for size in (4, 1, 9)]
+    parts, rows = [of_numbers(values) for values in flights], np.concatenate(flights)
+    for found, values in ((parts[2], flights[2]), (together(parts), rows)):
+        for name in ("min", "max", "mean", "std"):
+            np.testing.assert_allclose(found[name], getattr(values, name)(axis=0), err_msg=name)
+        assert found["count"].tolist() == [len(values)]
+    for name, share in {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}.items():
+        each = np.array([np.quantile(values, share, axis=0) for values in flights])
+        np.testing.assert_allclose([part[name] for part in parts], each, err_msg=name)
+        np.testing.assert_allclose(together(parts)[name], np.average(each, axis=0, weights=[4, 1, 9]), err_msg=name)
+
+
+def test_flights_of_a_task_have_its_number(tmp_path: Path):
+    with recording(tmp_path / "tasks", "lerobot", ABOUT) as writer:
+        for task in ("River", "Swimmers", "River"):
+            add_flight(writer, replace(flight(2), task=task))
+    tables = [
+        pyarrow.parquet.read_table(tmp_path / f"tasks/data/chunk-000/file-{number:03d}.parquet") for number in range(3)
+    ]
+    assert [table["task_index"].to_pylist() for table in tables] == [[0, 0], [1, 1], [0, 0]]
+    assert pandas.read_parquet(tmp_path / "tasks/meta/tasks.parquet")["task_index"].tolist() == [0, 1]
 
 
 def test_pictures_are_counted_as_numpy_computes_their_statistics():

@@ -9,6 +9,7 @@ import pytest
 from tests.world.real.drawn_files import from_metres, line, planned, straight, write
 from thalweg.world import WorldFileError
 from thalweg.world.real.sources.features import MAX_POSITIONS
+from thalweg.world.real.sources.overpass import overpass_features
 
 pytest.importorskip("gpxpy")
 pytest.importorskip("defusedxml")
@@ -87,6 +88,10 @@ def test_altitudes_of_kml_count_only_if_they_are_absolute(tmp_path):
     mode = "<altitudeMode>absolute</altitudeMode>"
     (tmp_path / "a.kml").write_text(KML.format(KML_LINE.format(data=WIDTH, mode=mode, places=places)))
     assert np.ptp(planned(tmp_path / "a.kml").river.level_m) == pytest.approx(4)
+    for name in ("", "clampToGround", "relativeToGround", "relativeToSeaFloor"):
+        mode = f"<altitudeMode>{name}</altitudeMode>" if name else ""
+        (tmp_path / "a.kml").write_text(KML.format(KML_LINE.format(data=WIDTH, mode=mode, places=places)))
+        assert np.ptp(planned(tmp_path / "a.kml").river.level_m) == 0
 
 
 def test_elevations_of_gpx_count(tmp_path):
@@ -137,6 +142,23 @@ def test_a_multipolygon_of_overpass_is_assembled_from_its_ways(tmp_path):
     (tmp_path / "open.json").write_text(overpass(relation))
     with pytest.raises(WorldFileError, match=r"relation/9: a ring of the multipolygon is open at \[11\.0"):
         planned(tmp_path / "open.json")
+
+
+def test_each_hole_of_a_multipolygon_belongs_to_the_ring_around_it():
+    def square(x: float, size: float) -> list:
+        return from_metres([(x, 0), (x + size, 0), (x + size, size), (x, size), (x, 0)])
+
+    corners = [(0, 0), (5, 0), (5, 5), (0, 5), (0, 0)]
+    rings = {"outer": (0, 100, 200), "inner": (110, 120, 10)}
+    members = [member(square(x, 50), "outer", 1) for x in rings["outer"]]
+    members += [member(from_metres([(x + dx, 20 + dy) for dx, dy in corners]), "inner", 2) for x in rings["inner"]]
+    relation = {"type": "relation", "id": 9, "tags": {"type": "multipolygon"}, "members": members}
+    found = [feature.rings for feature in overpass_features({"elements": [relation]}).features]
+    assert [len(each) for each in found] == [2, 3, 1]
+    expected = [[10], [110, 120], []]
+    for each, holes in zip(found, expected, strict=True):
+        west = [from_metres([(x, 20)])[0][0] for x in holes]
+        assert [hole[:, 0].min() for hole in each[1:]] == pytest.approx(west)
 
 
 def test_closed_ways_of_overpass_are_areas_if_their_tags_are(tmp_path):

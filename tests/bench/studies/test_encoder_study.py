@@ -5,14 +5,25 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.studies import encoder_study
-from thalweg.bench.studies.encoder_study import CASES, COMPARED, MEASURES, SIZES, StudyConfig, read_measures, run_study
-from thalweg.bench.studies.encoder_tables import SIZE_COLUMNS, Case
+from thalweg.bench.studies.encoder_study import (
+    CASES,
+    COMPARED,
+    MEASURES,
+    SIZES,
+    Scenes,
+    StudyConfig,
+    measures,
+    read_measures,
+    run_study,
+)
+from thalweg.bench.studies.encoder_tables import PROBED, SIZE_COLUMNS, Case
 from thalweg.encoder import load_encoder
 from thalweg.encoder.training import split_indices
 
@@ -63,6 +74,34 @@ def test_the_encoders_of_the_package_are_probed_on_the_same_frames(study: Path):
     assert all(float(row["read_height"]) <= 1 for row in found)
     assert "packaged" not in (study / "sizes.csv").read_text()
     assert "The same for the encoders that come with the package" in (study / "study.md").read_text()
+
+
+def test_codes_that_are_the_truths_are_read_without_error(monkeypatch: pytest.MonkeyPatch):
+    truths = np.random.default_rng(0).normal(3.0, 2.0, (60, len(PROBED)))
+    frames = np.zeros((60, 2, 2, 4), np.uint8)
+    frames[:, 0, 0, 0] = np.arange(60)
+    frames[::2, ..., 3] = 255
+
+    def water(_: object, given: np.ndarray) -> np.ndarray:
+        return np.ones(given.shape[:3], bool)
+
+    class Told:
+        """An encoder whose codes are the truths of its frames."""
+
+        inputs, vae = "mask", None
+
+        def __call__(self, seen: np.ndarray) -> np.ndarray:
+            return truths[seen[:, 0, 0, 0]]
+
+    encoder: Any = Told()
+    segmenter: Any = None
+    monkeypatch.setattr(encoder_study, "reconstruct", lambda _, seen: seen[..., 3:] / 255.0)
+    monkeypatch.setattr(encoder_study, "water_in", water)
+    train, held_out = np.arange(40), np.arange(40, 60)
+    found = measures(encoder, segmenter, Scenes(frames, truths), train, held_out)
+    assert list(found["read"]) == list(PROBED)
+    assert [*found["read"].values()] == pytest.approx([1.0] * len(PROBED))
+    assert (found["iou_mask"], found["iou_colours"], found["iou_ceiling"]) == (1.0, None, pytest.approx(0.5))
 
 
 def test_errors_are_those_of_the_encoders_own_files(study: Path):

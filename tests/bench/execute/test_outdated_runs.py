@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -286,12 +285,16 @@ def test_a_failed_rerun_leaves_the_old_results_shown(folder: Path, newer_frames:
     assert rerun(folder)[0].results.outdated == {}
 
 
-@pytest.mark.parametrize("at", range(0, 40, 3))
+OPERATIONS = 37
+"""Writes, moves and removals of the bookkeeping of a suite whose runs are all outdated."""
+
+
+@pytest.mark.parametrize("at", [*range(0, OPERATIONS, 3), OPERATIONS])
 def test_killed_at_any_file_operation_nothing_is_lost_or_mixed(
     folder: Path, newer_frames: str, monkeypatch: pytest.MonkeyPatch, at: int
 ):
     """Each kill comes before a write, a move or a removal of the bookkeeping."""
-    or_killed = killed_after(at)
+    or_killed, killed = killed_after(at), False
     with monkeypatch.context() as patch:
         patch.setattr(outdated, "write_runs", or_killed(outdated.write_runs))
         patch.setattr(run_versions, "write_atomic", or_killed(run_versions.write_atomic))
@@ -300,11 +303,13 @@ def test_killed_at_any_file_operation_nothing_is_lost_or_mixed(
         try:
             rerun(folder)
         except Killed:
+            killed = True
             found = policies(read_results(folder))
             for name in ("PPO", "FOCOPS"):
                 flown = found.get(name, 0) + found.get(f"{name} ({newer_frames})", 0)
                 assert flown >= 18, found  # each seed with the old versions, the new ones or both
                 assert found.get(f"{name} ({newer_frames})", 0) <= 18
+    assert killed == (at < OPERATIONS)
     outcome, _ = rerun(folder)
     assert policies(outcome.results) == {"hover": 9, "PPO": 18, "FOCOPS": 18}
     assert not (folder / "outdated").exists()
@@ -326,7 +331,7 @@ def test_killed_on_the_way_back_to_earlier_versions_no_training_is_lost(
     assert (folder / "outdated" / "runs" / "PPO-0").is_dir() and trained
     monkeypatch.setattr(versions, "RENDER", versions.RENDER - 1)
     or_killed = killed_after(at)
-    with monkeypatch.context() as patch, suppress(Killed):
+    with monkeypatch.context() as patch, pytest.raises(Killed):
         for module, name in ((outdated, "write_runs"), (os, "rename"), (os, "replace")):
             patch.setattr(module, name, or_killed(getattr(module, name)))
         run_suite(SUITE, folder, SmallBackend(), only=("PPO-0",))

@@ -69,6 +69,13 @@ def test_what_a_killed_server_was_writing_is_no_flight(fly: Fly, tmp_path: Path)
     assert Folder(tmp_path).names() == [name]
 
 
+def test_the_newest_flight_comes_first(tmp_path: Path):
+    for name, seconds in (("b", 10), ("a", 30), ("d", 20), ("c", 20)):
+        (tmp_path / f"{name}.npz").touch()
+        os.utime(tmp_path / f"{name}.npz", (seconds, seconds))
+    assert Folder(tmp_path).names() == ["a", "c", "d", "b"]
+
+
 def test_tasks_and_vehicles_have_tables_of_their_own(fly: Fly, tmp_path: Path):
     flight = fly(task="Swimmers", seed=1)
     while not flight.ended:

@@ -293,6 +293,18 @@ def test_the_main_film_is_that_of_the_packaged_policy_or_of_the_best_trained_one
     assert found is not None and found.run.name == whose
 
 
+def test_of_flights_of_the_same_return_that_with_the_least_cost_is_the_best_and_of_those_the_first(tmp_path: Path):
+    run_suite(replace(SUITE, film="none"), tmp_path, SmallBackend())
+    results = read_results(tmp_path)
+    flown = [row for row in results.episodes if (row.algorithm, row.seed, row.level) == ("PPO", 0, "Medium")]
+    alike = [
+        replace(row, return_=6.0, cost=cost, episode=place)
+        for row, cost, place in zip(flown, (0.2, 0.0, 0.0), (0, 2, 1), strict=True)
+    ]
+    best, *_ = policy_shots(SUITE, replace(results, episodes=alike))
+    assert (best.episode.cost, best.episode.episode) == (0.0, 1)
+
+
 def test_another_best_flight_is_filmed_again(tmp_path: Path):
     run_suite(SUITE, tmp_path, SmallBackend(broken=("PPO-0", "PPO-1", "FOCOPS-1")))
     assert "The best of 3 flights" in (tmp_path / "film.txt").read_text()

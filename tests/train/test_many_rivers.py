@@ -1,6 +1,7 @@
 """Tests of training on many rivers: which are chosen, what is recorded, and runs that are killed."""
 
 import csv
+import signal
 import subprocess
 import sys
 import time
@@ -19,6 +20,7 @@ from thalweg.env.rivers.assignment import DrawnRivers
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.train import river, run
 from thalweg.train.errors import TrainingError
+from thalweg.train.folder.checkpoint import newest_step
 from thalweg.train.river import RiverTraining
 from thalweg.world import Reach
 
@@ -198,11 +200,18 @@ def test_a_run_that_is_killed_again_and_again_ends_with_the_same_policy(tmp_path
         return [sys.executable, "-m", "thalweg", *words]
 
     subprocess.run(command("whole"), check=True, capture_output=True)
+    resumed = []
     for _ in range(3):
+        before = newest_step(tmp_path / "killed")
         process = subprocess.Popen(command("killed"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        time.sleep(5.0)
+        until = time.monotonic() + 300
+        while newest_step(tmp_path / "killed") == before and time.monotonic() < until:
+            time.sleep(0.05)
         process.kill()
-        process.wait()
+        assert process.wait() == -signal.SIGKILL
+        resumed.append(newest_step(tmp_path / "killed"))
+    steps = [step for step in resumed if step is not None]
+    assert len({*steps}) == 3 and steps == sorted(steps) and steps[-1] < 60_000
     subprocess.run(command("killed"), check=True, capture_output=True)
     for name in ("episodes.csv", "policy.safetensors"):
         assert (tmp_path / "killed" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()

@@ -138,13 +138,18 @@ def test_auxiliary_losses_can_be_left_out(small: None):
     assert torch.equal(learner.map.weight, before)
 
 
+def gradient_of(parameter: torch.Tensor) -> torch.Tensor:
+    assert parameter.grad is not None
+    return parameter.grad.clone()
+
+
 @pytest.mark.parametrize("weight", [0.0, 3.0])
 def test_a_gradient_is_that_of_the_losses_by_their_weights(weight: float, small: None, monkeypatch: pytest.MonkeyPatch):
     learner, one = student(regret_weight=weight, auxiliary_weight=0.5, sequences_per_batch=COUNT), lesson()
     parameters, found = learner.optimiser.parameters, []
     losses = learner.losses(replace(one, privileged=learner.scale(one.privileged)), torch.arange(COUNT))
     expected = torch.autograd.grad(losses @ torch.tensor([1.0, weight, 0.5, 0.5]), parameters)
-    monkeypatch.setattr(learner.optimiser, "step", lambda _: found.extend(each.grad.clone() for each in parameters))
+    monkeypatch.setattr(learner.optimiser, "step", lambda _: found.extend(map(gradient_of, parameters)))
     learner.learn(one)
     for gradient, wanted in zip(found, expected, strict=True):
         torch.testing.assert_close(gradient, wanted, rtol=1e-4, atol=1e-6)

@@ -287,7 +287,7 @@ def test_each_encoder_has_a_view_of_its_own(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(backend, "observation_function", lambda _, __, encoder: f"codes of {encoder}")
     place, policy = RiverBackend(replace(SUITE, arms=arms)), Policy(4, actions_of(MultiDiscrete([3, 3, 3, 3])))
     seen = [place.observer(Run("train", arms[at].label, 0), Trial("Easy"), course, policy) for at in (0, 1, 0)]
-    assert seen == [["codes of default"], ["codes of geometry"], ["codes of default"]]
+    assert seen == ["codes of default", "codes of geometry", "codes of default"]
 
 
 def test_a_policy_of_images_sees_the_appearance_of_each_start(

@@ -211,7 +211,7 @@ WRONG = [
     (["train", "--set", "hidden=[64", "--out", "x"], "'hidden=[64' cannot be understood"),
     (
         ["train", "--set", "learning_rate=fast", "--out", "x"],
-        "learning_rate must be a number of at least 0, got 'fast'; such as --set learning_rate=0.001",
+        "learning_rate must be a finite number of at least 0, got 'fast'; such as --set learning_rate=0.001",
     ),
     (
         ["train", "--set", "learing_rate=1", "passes=2", "--out", "x"],

@@ -113,11 +113,11 @@ class TestEveryPlanner:
         drawn = {"rand": torch.rand, "randn": torch.randn}
 
         def repeated(kind: str, axis_of_envs: int):
-            def draw(*shape: Any, generator: Any = None, device: Any = None) -> torch.Tensor:
+            def draw(*shape: Any, dtype: Any = None, generator: Any = None, device: Any = None) -> torch.Tensor:
                 sizes = list(shape[0] if isinstance(shape[0], tuple) else shape)
                 axis = 0 if kind == "rand" else axis_of_envs
                 count, sizes[axis] = sizes[axis], 1
-                return drawn[kind](sizes, generator=generator).repeat_interleave(count, axis)
+                return drawn[kind](sizes, dtype=dtype, generator=generator).repeat_interleave(count, axis)
 
             return draw
 

@@ -27,6 +27,7 @@ from thalweg.bench.pictures.film_format import SMALL
 from thalweg.bench.results.run_versions import STEADY, current_versions
 from thalweg.bench.suite.arms import Arm, Run, Stage
 from thalweg.bench.suite.config import Suite
+from thalweg.bench.suite.policy_files import PolicyFile
 from thalweg.core import versions
 from thalweg.core.plugins.record import RESERVED
 from thalweg.core.seeds import UNSEEN
@@ -169,7 +170,7 @@ def test_an_arm_of_images_sees_them_without_an_encoder_and_may_begin_with_the_pa
     begun = Arm(
         "CPO",
         name="begun",
-        begin_with="packaged",
+        begin_with=PolicyFile.of("packaged"),
         before=(Stage("PPO", "Easy", 50_000, settings={"policy": "cnn"}),),
         **seen,
     )

@@ -63,7 +63,7 @@ def test_a_suite_flies_a_function_once_and_records_its_version_and_source(file: 
         "world": versions.WORLD, "rules": versions.RULES, "evaluation": versions.EVALUATION,
         "privileged": versions.PRIVILEGED, "ahead": 1,
     }  # fmt: skip
-    source = planned.policies[0].policy.source
+    source = planned.function("ahead").policy.source
     assert read_sources(tmp_path / "results") == {"ahead-0": {"ahead": source}}
     assert (problems(outcome.results), outcome.results.policies) == ([], ["hover", "ahead"])
     recorded = json.loads((tmp_path / "results" / "suite.json").read_text())["policies"]
@@ -102,7 +102,7 @@ def test_the_leaderboard_lists_functions_apart_with_version_and_source(
     planned = suite(file, episodes=20, conditions=("unseen",))
     run_suite(planned, tmp_path / "results", SmallBackend())
     (entry,) = entries(tmp_path / "results")
-    source = planned.policies[0].policy.source
+    source = planned.function("ahead").policy.source
     assert (entry.trained, entry.missing, entry.made_by) == (False, (), f"ahead 1 ({source})")
     page = leaderboard([tmp_path / "results"])
     assert "No policy that sees frames has a complete row yet." in page

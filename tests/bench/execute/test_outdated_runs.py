@@ -23,6 +23,7 @@ from thalweg.bench.results.results import Results
 from thalweg.bench.results.run_versions import current_versions, read_versions, some_critics_are_asymmetric
 from thalweg.bench.suite.arms import Arm, Run
 from thalweg.bench.suite.config import Suite
+from thalweg.bench.suite.policy_files import PolicyFile
 from thalweg.core import versions
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
@@ -211,8 +212,8 @@ def test_a_film_of_a_flight_that_the_results_lack_says_so(folder: Path):
 
 
 def test_a_run_that_begins_with_the_packaged_policy_depends_on_its_version():
-    begun = Arm("PPO", settings={"policy": "cnn"}, observation="rgb+mask", begin_with="packaged")
-    suite = Suite("mine", (begun, replace(begun, name="fresh", begin_with="")), packaged=False)
+    begun = Arm("PPO", settings={"policy": "cnn"}, observation="rgb+mask", begin_with=PolicyFile.of("packaged"))
+    suite = Suite("mine", (begun, replace(begun, name="fresh", begin_with=None)), packaged=False)
     found = {name: versions_of(suite, Run("train", name, 0)) for name in (begun.label, "fresh")}
     assert found.pop(begun.label) == {**found.pop("fresh"), "packaged": versions.PACKAGED_POLICY}
 

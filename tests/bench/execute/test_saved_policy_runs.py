@@ -36,6 +36,7 @@ from thalweg.core import versions
 from thalweg.core.cache import file_hash
 from thalweg.env import sample_starts
 from thalweg.env.spaces import CHANNELS
+from thalweg.train.encoder_of_run import context_of
 from thalweg.train.folder.run_record import POLICY
 from thalweg.train.river import RiverTraining
 
@@ -64,8 +65,12 @@ def suite(*policies: SavedPolicy, **changes: Any) -> Suite:
     return replace(SUITE, **{"arms": (), "test_levels": LEVELS, "policies": policies, **changes})
 
 
+def saved_policy(*runs: Path, name: str = "") -> SavedPolicy:
+    return SavedPolicy(tuple(PolicyFile.of(str(run)) for run in runs), name)
+
+
 def student(runs: list[Path]) -> SavedPolicy:
-    return SavedPolicy([str(run) for run in runs], "student")
+    return saved_policy(*runs, name="student")
 
 
 def flights(backend: SmallBackend) -> list[str]:
@@ -122,7 +127,7 @@ def test_the_leaderboard_ranks_three_seeds_of_a_student_with_an_interval(
     runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("tests.bench.small_backend.SUITE", replace(SUITE, episodes=20))
-    own = SavedPolicy(str(saved(tmp_path / "mine", 7)))
+    own = saved_policy(saved(tmp_path / "mine", 7))
     planned = suite(student(runs), own, episodes=20, conditions=("unseen",))
     run_suite(planned, tmp_path / "results", SmallBackend())
     taught, mine = entries(tmp_path / "results")
@@ -158,7 +163,7 @@ def test_it_is_flown_by_the_river_backend_as_the_file_says(
     planned = replace(SUITE, arms=(), policies=(student(runs),), episodes=2, test_levels=("Easy",))
     place = RiverBackend(planned)
     run = Run("policy", "student", 1)
-    assert place.policy(run, tmp_path).about.context["drawn_by"] == 1
+    assert context_of(place.policy(run, tmp_path))["drawn_by"] == 1
     assert place.title(run, tmp_path) == "student, seed 1"
     black = np.zeros((2, 128, 128, CHANNELS["rgb"]), np.uint8)
     monkeypatch.setattr(place, "observer", lambda *_: lambda step: black[: len(step.flying)])
@@ -226,10 +231,10 @@ def test_what_is_no_policy_is_refused_before_anything_runs(given: dict[str, Any]
 def test_a_policy_that_does_not_fit_the_flights_is_refused(tmp_path: Path):
     other = saved(tmp_path / "old", 0, render_version=versions.RENDER + 1)
     with pytest.raises(ResultsError, match="old: the policy was trained on images of renderer version"):
-        suite(SavedPolicy(str(other)))
+        suite(saved_policy(other))
     own = saved(tmp_path / "coded", 0, observation="frames", encoder="0123", encoder_file="")
     with pytest.raises(ResultsError, match="takes images, but does not say which"):
-        SavedPolicy(str(own))
+        saved_policy(own)
 
 
 def test_a_text_names_a_function_or_a_policy(tmp_path: Path, runs: list[Path]):

@@ -18,6 +18,7 @@ from thalweg.bench.suite.arms import Arm, Run
 from thalweg.bench.suite.builtin import load_suite
 from thalweg.bench.suite.config import Suite
 from thalweg.bench.suite.flown import Function
+from thalweg.bench.suite.policy_files import PolicyFile
 from thalweg.bench.suite.record import read_suite, rules_in_words
 from thalweg.bench.suite.views import TrainingViews
 from thalweg.cli.bench import Rules
@@ -88,7 +89,9 @@ def test_continuous_actions_are_those_of_training_and_flights():
     assert suite.rules.action == suite.training_rules.action == "continuous"
     with pytest.raises(ResultsError, match="the packaged policy has no continuous actions"):
         replace(suite, packaged=True)
-    begun = Arm("PPO", settings={"policy": "cnn"}, observation="rgb+mask", begin_with="packaged", name="begun")
+    begun = Arm(
+        "PPO", settings={"policy": "cnn"}, observation="rgb+mask", begin_with=PolicyFile.of("packaged"), name="begun"
+    )
     assert replace(OWN, arms=(begun,)).arms == (begun,)
     with pytest.raises(ResultsError, match="arm begun: the policy packaged has no continuous actions"):
         replace(suite, arms=(begun,))

@@ -29,7 +29,8 @@ from thalweg.core.plugins.record import Plugin, PluginError, check_record
 from thalweg.core.suggestion import did_you_mean
 
 WIDE = 2
-"""PyTorch threads for wide networks; more were not measured."""
+"""PyTorch threads of off-policy algorithms and planners, whose networks are wide in the study's preset; more were not
+measured."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from thalweg.core.config import parse_config, to_plain
 DOCS = Path(__file__).parents[2] / "docs" / "algorithms"
 ADAPTERS = {"box_literal", "box_scaled"}
 IMPOSSIBLE = {"impossible_value_of_reward", "impossible_value_of_cost"}
-WARNINGS = {"limit_never_binds", "limit_never_met", "multiplier_too_slow", "policy_never_learns"} | IMPOSSIBLE
+WARNINGS = {"limit_never_binds", "limit_never_met", "multiplier_too_slow"} | IMPOSSIBLE
 TABLE_ROW = re.compile(r"^\| (`.*?) \|", re.M)
 
 

@@ -1,4 +1,5 @@
-"""What can be told at most of the banks beside the vehicle from what lies ahead of it: R² of a network on true numbers.
+"""Estimate of what can be told at most of the banks beside the vehicle from what lies ahead of it: R² of a network on
+true numbers.
 
     python benchmarks/seen_ahead.py      # writes encoders/seen_ahead.csv
 

@@ -1,4 +1,4 @@
-"""What findings take from results: flights of policies, their returns, differences and shares, and versions."""
+"""Readers of results for findings: flights of policies, their returns, differences and shares, and versions."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What the runs of a task came to: the policy of each algorithm and limit beside the oracle's front of the same rivers.
+"""Outcomes of the runs of a task: the policy of each algorithm and limit beside the oracle's front of the same rivers.
 
 Figures are those of reports, which show each policy beside its own limit on the fixed river
 (`thalweg.bench.report.price_tables`). Here an algorithm without a limit stands beside all of them, and the flights of

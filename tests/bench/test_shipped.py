@@ -1,4 +1,4 @@
-"""What comes with the package fits together, and a suite on it survives a kill."""
+"""Tests that all that comes with the package fits together, and that a suite on it survives a kill."""
 
 import json
 import subprocess

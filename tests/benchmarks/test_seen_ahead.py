@@ -1,4 +1,5 @@
-"""What can be told of the banks from what lies ahead: of numbers that follow from those given, and of noise."""
+"""Tests of the estimate of what can be told of the banks from what lies ahead: of numbers that follow from those given,
+and of noise."""
 
 import importlib
 import sys

@@ -1,4 +1,5 @@
-"""What nobody can do is refused, or warned of, by name, before the first step: by every command that would try it."""
+"""Tests of impossible runs: they are refused, or warned of, by name, before the first step, by every command that would
+try one."""
 
 import warnings
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which policies of images fit the river task, and what is said to those that do not."""
+"""Tests of the policies of images that fit the river task, and of what is said to those that do not."""
 
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""What a run refuses before it has begun, by name, and what it leaves as it was."""
+"""Tests of runs that are refused before they have begun, by name, and of what stays as it was."""
 
 import datetime
 import threading

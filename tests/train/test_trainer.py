@@ -1,4 +1,4 @@
-"""What a run tells a learner between its updates, with a learner that only writes down what it is told."""
+"""Tests of what a run tells a learner between its updates, with a learner that only writes down what it is told."""
 
 import csv
 import math

@@ -1,4 +1,4 @@
-"""What can be chosen on the page: rivers, looks and tasks, who flies, and what is shown of it; and a gamepad."""
+"""Tests of the choices on the page: rivers, looks and tasks, who flies, and what is shown of it; and a gamepad."""
 
 from collections.abc import Iterator
 

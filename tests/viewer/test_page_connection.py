@@ -1,4 +1,4 @@
-"""What the page says and does when its connection ends: broken, out of reach, refused, or stopped with the server."""
+"""Tests of the page when its connection ends: broken, out of reach, refused, or stopped with the server."""
 
 import signal
 import subprocess

@@ -1,4 +1,4 @@
-"""What decides which flights are flown, by name and content: policy or saved flight, river, and plug-ins."""
+"""Identity of flights, by name and content: policy or saved flight, river, and plug-ins."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a finished run prints: its result, its warnings, and the command that evaluates its policy."""
+"""Output of a finished run: its result, its warnings, and the command that evaluates its policy."""
 
 import shlex
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What the ideal eye sees at poses that belong to no episode, which studies probe the codes of frames for.
+"""Numbers of the ideal eye at poses that belong to no episode, which studies probe the codes of frames for.
 
 The direction of travel follows from the heading: it is the one along the course that is closer to it.
 """

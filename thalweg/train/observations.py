@@ -1,4 +1,4 @@
-"""What policies of the river task see, and whether a policy fits what it would be shown."""
+"""Observations of policies of the river task, and checks that a policy fits what it would be shown."""
 
 from collections.abc import Mapping
 from dataclasses import replace

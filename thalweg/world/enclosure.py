@@ -1,4 +1,4 @@
-"""What a point of a world lies in: ground, water, the stone of a bridge, a plant or a rock."""
+"""Kinds of matter that a point of a world may lie in: ground, water, the stone of a bridge, a plant or a rock."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""What a model minimises: written out another way, and what its minimum predicts."""
+"""Tests of the loss of a model: it is written out another way, and its minimum predicts what was seen."""
 
 import math
 

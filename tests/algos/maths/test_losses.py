@@ -1,4 +1,4 @@
-"""What PPO and FOCOPS minimise, by hand, and the errors of critics."""
+"""Tests of the losses of PPO and FOCOPS, by hand, and of the errors of critics."""
 
 import math
 

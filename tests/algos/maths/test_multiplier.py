@@ -1,4 +1,4 @@
-"""How a multiplier moves and weighs, by hand."""
+"""Tests of the moves and weights of a multiplier, by hand."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""What on-policy algorithms share, by numbers."""
+"""Tests of the code that on-policy algorithms share, by numbers."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,4 @@
-"""What every on-policy algorithm with a cost limit must do: take the reward while the limit is kept, and stop when not.
+"""Contract of every on-policy algorithm with a cost limit: take the reward while the limit is kept, and stop when not.
 
 One option of the first branch pays 1 and costs 1, the others nothing.
 """

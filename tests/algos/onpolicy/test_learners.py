@@ -1,4 +1,4 @@
-"""What every registered on-policy algorithm must do; a new one is tested the moment it is registered."""
+"""Contract of every registered on-policy algorithm; a new one is tested the moment it is registered."""
 
 import dataclasses
 import math

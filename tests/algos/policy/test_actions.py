@@ -1,4 +1,4 @@
-"""What raw actions mean for the environment, by known frequencies and by hand."""
+"""Tests of the meaning of raw actions for the environment, by known frequencies and by hand."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""What a policy remembers: frames by hand, the recurrent unit against torch's."""
+"""Tests of the memory of a policy: frames by hand, the recurrent unit against torch's."""
 
 import numpy as np
 import pytest

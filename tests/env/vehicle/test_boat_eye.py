@@ -1,4 +1,4 @@
-"""What the ideal eye of a boat tells, by hand."""
+"""Tests of the ideal eye of a boat, by hand."""
 
 import numpy as np
 import pytest

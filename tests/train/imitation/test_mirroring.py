@@ -1,4 +1,4 @@
-"""What is mirrored is what the mirror image of a river and of a pose shows."""
+"""Tests of mirrored sequences: they are those of the mirror image of a river and of a pose."""
 
 import numpy as np
 import pytest

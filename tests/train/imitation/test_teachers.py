@@ -1,4 +1,4 @@
-"""What teachers give to each move: the steady pilot its worths, the scripted one a choice."""
+"""Tests of the worths that teachers give to each move: the steady pilot its own, the scripted one a choice."""
 
 import numpy as np
 import pytest

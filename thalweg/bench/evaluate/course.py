@@ -1,4 +1,4 @@
-"""What an evaluation flies on: rivers, and the fixed list of starts of each.
+"""Rivers that an evaluation flies on, and the fixed list of starts of each.
 
 The list belongs to the river, so it is the same for every algorithm and seed.
 """

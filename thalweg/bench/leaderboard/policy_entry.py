@@ -1,4 +1,4 @@
-"""What all rows of the leaderboard say of a policy, whatever its task."""
+"""Columns of the leaderboard that describe a policy, whatever its task."""
 
 from dataclasses import dataclass
 from typing import Any

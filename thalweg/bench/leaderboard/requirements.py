@@ -1,4 +1,4 @@
-"""What a row of the leaderboard must have to be ranked, and what results lack of it."""
+"""Requirements that a row of the leaderboard must meet to be ranked, and those that results do not meet."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any

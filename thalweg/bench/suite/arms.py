@@ -1,4 +1,4 @@
-"""What a suite trains: arms, and their earlier stages; and the runs of all that it executes."""
+"""Trainings of a suite: arms and their earlier stages, and the runs of all that it executes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

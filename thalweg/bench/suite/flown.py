@@ -1,4 +1,4 @@
-"""What a suite flies without training: functions, and policies that were trained before."""
+"""Policies that a suite flies without training: functions, and policies that were trained before."""
 
 from collections.abc import Mapping
 from functools import cached_property

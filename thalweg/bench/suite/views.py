@@ -1,4 +1,4 @@
-"""What the policies of a suite see in training, and their kind of actions, as data."""
+"""Views of the policies of a suite in training, and their kind of actions, as data."""
 
 from dataclasses import asdict, field, fields
 from typing import Any

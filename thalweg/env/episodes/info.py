@@ -1,4 +1,4 @@
-"""What a vector environment tells in `info` of the last action, and of episodes that ended with it."""
+"""The `info` of a vector environment: of the last action, and of episodes that ended with it."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""When to climb over reserves: exact dynamic programming over metres ahead and heights, of steps that fly on by one
+"""Plans of climbs over reserves: exact dynamic programming over metres ahead and heights, of steps that fly on by one
 metre and of steps on the spot."""
 
 from thalweg.core.compute.jit import kernel

@@ -1,4 +1,4 @@
-"""What the oracle plans before a flight: tables of what is still to be had from wherever it may come to.
+"""Tables that the oracle computes before a flight: what is still to be had from each place that it may come to.
 
 Distances are metres ahead: along the course from the start, in the direction of travel. Dimension letters: N flights, G
 metres ahead, P points across the river, T steps, H heights, Y and X cells of a grid over land and water.

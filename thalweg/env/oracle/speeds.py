@@ -1,5 +1,5 @@
-"""When to hurry: exact dynamic programming over steps and metres ahead, past swimmers along the centre line, and for
-clearance along the best lane.
+"""Plans of fast steps: exact dynamic programming over steps and metres ahead, past swimmers along the centre line, and
+for clearance along the best lane.
 
 Where swimmers and kayaks will be is known, for it follows from the episode's scene.
 """

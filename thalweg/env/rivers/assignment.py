@@ -1,4 +1,4 @@
-"""Which environment flies in which river: the same one always, or another one in each episode."""
+"""Assignment of rivers to environments: the same one always, or another one in each episode."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""What critics may see beside the observation: the progress of an episode, and what the ideal eye sees.
+"""Numbers for critics beside the observation: the progress of an episode, and those of the ideal eye.
 
 Critics exist in training only, so they may see what a policy must not know (asymmetric critics: Pinto et al.,
 "Asymmetric Actor Critic for Image-Based Robot Learning", 2018). The progress decides what an episode can still pay and

@@ -1,4 +1,4 @@
-"""What an episode has achieved of a course, as a share, for `info` and critics."""
+"""Share of a course that an episode has achieved, for `info` and critics."""
 
 import numpy as np
 

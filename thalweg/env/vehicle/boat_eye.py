@@ -1,4 +1,4 @@
-"""What the ideal eye of a boat tells beside that of the UAV: water below the keels, rocks and arches, in metres.
+"""Numbers that the ideal eye of a boat adds to those of the UAV: water below the keels, rocks and arches, in metres.
 
 "Ahead" and "left" are along and across the heading, as for `thalweg.env.task.ideal_eye`.
 """

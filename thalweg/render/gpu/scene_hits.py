@@ -1,4 +1,4 @@
-"""Where the ray of a pixel meets ground, water or a bridge, from the functions of the CPU, with spans of one ray."""
+"""Hits of the ray of a pixel on ground, water and bridges, from the functions of the CPU, with spans of one ray."""
 
 import numpy as np
 from numba import cuda, float32, int32, uint8

@@ -1,4 +1,4 @@
-"""How the frames of a training of an encoder are drawn: the camera, the quality, and whether looks vary."""
+"""Settings of the frames that an encoder is trained on: the camera, the quality, and whether looks vary."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -1,4 +1,4 @@
-"""What trainers of a student share: the policy to begin with, counters, timed learning, and the state from which a run
+"""Base of the trainers of a student: the policy to begin with, counters, timed learning, and the state from which a run
 resumes."""
 
 import time

@@ -1,4 +1,5 @@
-"""What only critics see: `info["critic_obs"]` of environments that say so by `single_critic_space`, read and checked.
+"""Observations of critics alone: `info["critic_obs"]` of environments that say so by `single_critic_space`, read and
+checked.
 
 It belongs to the state that the observation shows; where an environment resets itself in the same step, that of the
 last state of the episode is in `final_info["critic_obs"]`.

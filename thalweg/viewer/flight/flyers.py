@@ -1,4 +1,4 @@
-"""Who flies: the hand, the scripted pilots, or a recorded flight. Policies are in `policy_flyer`."""
+"""Pilots of flights on the page: the hand, scripted pilots, or a recorded flight. Policies are in `policy_flyer`."""
 
 from collections.abc import Sequence
 from typing import Protocol

@@ -1,4 +1,4 @@
-"""What can be chosen of a flight: river, task, vehicle, look and frames, as plain data that pages and files hold."""
+"""Options of a flight: river, task, vehicle, look and frames, as plain data that pages and files hold."""
 
 from typing import Annotated, Self
 

@@ -1,4 +1,4 @@
-"""What a page is told when it connects: what there is to choose from."""
+"""Catalogue for a page that connects: all that there is to choose from."""
 
 from contextlib import suppress
 from dataclasses import asdict

@@ -1,4 +1,4 @@
-"""Who may ask the server: only pages that it served itself, on this machine, at an address with its token.
+"""Guard of the server: it answers only pages that it served itself, on this machine, at an address with its token.
 
 A server on a loopback address can still be reached by any page in a browser on the machine: through a name that its
 owner points to 127.0.0.1 (DNS rebinding), which `Host` tells, or by a socket from a foreign page, which `Origin` tells.

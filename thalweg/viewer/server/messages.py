@@ -1,4 +1,4 @@
-"""What a page may say: small JSON objects with a `type`, each checked against a record with the same name."""
+"""Messages of a page: small JSON objects with a `type`, each checked against a record with the same name."""
 
 import json
 from typing import Annotated, Any

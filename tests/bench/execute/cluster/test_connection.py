@@ -1,4 +1,4 @@
-"""What keeps this process from joining a cluster is said at once, and how to mend it."""
+"""Tests of the errors that keep this process from joining a cluster: each is said at once, and how to mend it."""
 
 import socket
 import sys

@@ -1,4 +1,4 @@
-"""What a node does with a run, without a cluster."""
+"""Tests of the work of a node on a run, without a cluster."""
 
 import os
 import pickle

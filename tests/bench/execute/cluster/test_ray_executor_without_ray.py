@@ -1,4 +1,5 @@
-"""What is done here for runs that are done elsewhere, without a cluster: each is done at once, or by a script."""
+"""Tests of the work done here for runs that are done elsewhere, without a cluster: each is done at once, or by a
+script."""
 
 import errno
 import io

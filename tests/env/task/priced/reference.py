@@ -1,4 +1,5 @@
-"""What tasks cost and pay, slow and obvious: computed from poses alone, along the whole course, in plain NumPy.
+"""Reference of the costs and rewards of tasks, slow and obvious: computed from poses alone, along the whole course, in
+plain NumPy.
 
 It shares no code with the kernels but the planes of bridges grown by the body, which have tests of their own.
 """

@@ -1,4 +1,4 @@
-"""What tasks cost and pay on random flights, against an independent computation."""
+"""Tests of the costs and rewards of tasks on random flights, against an independent computation."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What the ideal eye sees of tasks, and the objects that are drawn, against an independent computation."""
+"""Tests of the ideal eye of tasks, and of the objects that are drawn, against an independent computation."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""What the ideal eye sees of a task, after what it sees of the river: swimmers, reserves, clearance, the station.
+"""Numbers that the ideal eye adds for a task to those of the river: swimmers, reserves, clearance, the station.
 
 The paper's task adds nothing. Like the rest of the ideal eye it is what a perfect camera could tell, and the time that
 is left, without which a deadline cannot be kept.

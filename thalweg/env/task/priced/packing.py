@@ -1,4 +1,4 @@
-"""What a task puts into a river, by the river's seed: places of swimmers, reserves, and the buoys that mark these."""
+"""Objects of a task in a river, by the river's seed: places of swimmers, reserves, and the buoys that mark these."""
 
 import math
 

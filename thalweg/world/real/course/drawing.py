@@ -1,4 +1,4 @@
-"""What a file says about a river: ways of water, banks, islands and bridges, sorted by their tags."""
+"""Contents of a file about a river: ways of water, banks, islands and bridges, sorted by their tags."""
 
 from collections import Counter
 from dataclasses import dataclass

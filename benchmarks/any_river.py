@@ -23,7 +23,7 @@ import hashlib
 import itertools
 import multiprocessing
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from any_river_aims import LEVELS, TEACHER, packaged_aims, student_aims
 from package_flight import NAMES
 from page_sections import replace_section
 from river_flights import RESULTS, append, figures_of, fly, fly_cells, is_begun, mean_return
@@ -58,14 +59,10 @@ from thalweg.train.run_in_folder import policy_file
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "any_river.csv"
 DOCS = HERE.parent / "docs"
-PAGES = {DOCS / "imitation.md": "any river", DOCS / "packaged-policy.md": "returns"}
-"""Sections of pages that `--write` writes."""
 FLIGHTS = {"unseen": "unseen rivers", "varied": "the same under varied looks and suns"}
 """Words for kinds of flights on the page of the packaged policies."""
-LEVELS, KINDS = ("Easy", "Medium", "Hard"), ("fixed", "unseen", "varied", "real")
+KINDS = ("fixed", "unseen", "varied", "real")
 SEEDS, OBSERVATIONS = (0, 1, 2), ("rgb+mask", "rgb")
-TEACHER = "teacher"
-"""In place of what a policy sees: the pilot that students are taught by."""
 WORLD_SEEDS = "1000:1064"
 STEPS = {"rgb+mask": 1_600_000, "rgb": 2_000_000}
 FULL_SHARE = 5
@@ -216,14 +213,10 @@ def page_table(rows: Sequence[dict[str, str]]) -> str:
     Of each line only the longest trainings and the most episodes count, so that trials leave it as it is. Returns are
     means over seeds, with 95 % intervals from three seeds on; violations are the share of flights, see `_violations`.
     """
-    rows = [row for row in rows if all(row[name] == str(version) for name, version in VERSIONS.items())]
     lines = []
-    for policy, kind in itertools.product(dict.fromkeys(row["policy"] for row in rows), KINDS):
+    for policy, kind in itertools.product(dict.fromkeys(row["policy"] for row in _of_today(rows)), KINDS):
         for level in levels_of(kind):
-            same = [row for row in rows if (row["policy"], row["kind"], row["level"]) == (policy, kind, level)]
-            most = max(map(_amount, same), default=(0, 0))
-            cells = [row for row in same if _amount(row) == most]
-            if cells:
+            if cells := cells_of(rows, policy, kind, level):
                 lines.append([policy, kind, level, str(len(cells)), str(mean_return(cells)), _violations(cells)])
     return markdown(frame(["policy", "flights", "level or river", "seeds", "return", "violations"], lines))
 
@@ -232,12 +225,12 @@ def packaged_table(rows: Sequence[dict[str, str]]) -> str:
     """Return the table of the packaged policies, which are the students of seed 0: of each kind of flights on each
     level the mean return with its standard error over flights, and the share of flights that end in a violation. Of
     several rows that of the longest training and of the most episodes counts."""
-    rows = sorted(rows, key=lambda row: (int(row["steps"]), int(row["episodes"])))
+    rows = sorted(_of_today(rows), key=_amount)
     found = {
         (row["policy"], row["kind"], row["level"]): f"{float(row['return']):.2f} ± {float(row['return_error']):.2f},"
         f" {100 * float(row['violations']):.1f} %"
         for row in rows
-        if row["seed"] == "0" and all(row[name] == str(version) for name, version in VERSIONS.items())
+        if row["seed"] == "0"
     }
     lines = [
         [NAMES[policy], words, *(found[policy, kind, level] for level in LEVELS)]
@@ -247,6 +240,28 @@ def packaged_table(rows: Sequence[dict[str, str]]) -> str:
     ]
     header = ["policy", "flights", *(f"{level}: return, violations" for level in LEVELS)]
     return markdown(frame(header, lines))
+
+
+SECTIONS: dict[tuple[Path, str], Callable[[Sequence[dict[str, str]]], str]] = {
+    (DOCS / "imitation.md", "any river"): page_table,
+    (DOCS / "imitation.md", "student aims"): lambda rows: student_aims(partial(cells_of, rows)),
+    (DOCS / "packaged-policy.md", "returns"): packaged_table,
+    (DOCS / "packaged-policy.md", "aims"): lambda rows: packaged_aims(partial(cells_of, rows)),
+}
+"""Sections of pages that `--write` writes, with the functions that return them."""
+
+
+def cells_of(rows: Sequence[dict[str, str]], policy: str, kind: str, level: str) -> list[dict[str, str]]:
+    """Return the rows of a policy's flights of a kind on a level or real river, of today's versions, and of these only
+    the longest trainings and the most episodes: one for each seed."""
+    same = [row for row in _of_today(rows) if (row["policy"], row["kind"], row["level"]) == (policy, kind, level)]
+    most = max(map(_amount, same), default=(0, 0))
+    return [row for row in same if _amount(row) == most]
+
+
+def _of_today(rows: Sequence[dict[str, str]]) -> list[dict[str, str]]:
+    """Return the rows of today's versions."""
+    return [row for row in rows if all(row[name] == str(version) for name, version in VERSIONS.items())]
 
 
 def _amount(row: dict[str, str]) -> tuple[int, int]:
@@ -292,8 +307,8 @@ def main() -> str | None:
         parser.error(f"--steps must be at least {FULL_SHARE}, not {given.steps}")
     rows = read_csv(given.out, COLUMNS) if is_begun(given.out) else []
     if given.write:
-        for (page, section), table in zip(PAGES.items(), (page_table(rows), packaged_table(rows)), strict=True):
-            write_atomic(page, replace_section(page.read_text(encoding="utf-8"), section, f"{table}\n"))
+        for (page, section), table in SECTIONS.items():
+            write_atomic(page, replace_section(page.read_text(encoding="utf-8"), section, f"{table(rows)}\n"))
         return None
     done = {tuple(row[name] for name in KEY) for row in rows}
     if given.policy:

@@ -34,7 +34,8 @@ import numpy as np
 from any_river_aims import LEVELS, TEACHER, packaged_aims, student_aims
 from package_flight import NAMES
 from page_sections import replace_section
-from river_flights import RESULTS, append, figures_of, fly, fly_cells, is_begun, mean_return
+from river_flights import RESULTS, figures_of, fly, fly_cells, mean_return
+from tables import append, is_begun
 
 from thalweg.algos import AlgorithmError
 from thalweg.bench.csv_files import read_csv

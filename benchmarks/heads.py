@@ -24,8 +24,9 @@ from any_river import LEVELS
 from joint_head import JointImitation
 from ladder_arms import FIRST_RIVER, SEEDS
 from page_sections import replace_section
-from river_flights import append, figures_of, fly
+from river_flights import figures_of, fly
 from safetensors.numpy import load_file
+from tables import append
 from torch import Tensor
 
 from thalweg.algos.common.state import load_module

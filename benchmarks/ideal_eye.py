@@ -17,7 +17,6 @@ do not share.
 """
 
 import argparse
-import csv
 import hashlib
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,6 +29,7 @@ import numpy as np
 import torch
 from page_sections import replace_section
 from settings_hash import settings_hash
+from tables import append, is_begun
 
 from thalweg.algos.policy.policy import AnyPolicy
 from thalweg.algos.registry import ALGORITHMS, algorithm_named
@@ -181,24 +181,9 @@ def measure(trial: Trial, runs: Path) -> dict[str, str]:
     return identity | scores(result.policy, trial.unseen) | {"seconds": f"{result.seconds:.0f}"}
 
 
-def is_begun(table: Path) -> bool:
-    """Return whether a table has a heading: one that a killed process left empty is as good as none."""
-    return table.is_file() and table.stat().st_size > 0
-
-
 def finished(table: Path) -> set[tuple[str, ...]]:
     """Return the keys of the trials that have a row."""
     return {tuple(row[name] for name in KEY) for row in read_csv(table, KEY)} if is_begun(table) else set()
-
-
-def append(table: Path, row: Mapping[str, str]) -> None:
-    """Append a row, below a header if the table is not begun."""
-    new = not is_begun(table)
-    with open(table, "a", newline="") as file:
-        writer = csv.DictWriter(file, list(row), lineterminator="\n")
-        if new:
-            writer.writeheader()
-        writer.writerow(row)
 
 
 def trial_of(row: Mapping[str, str]) -> Trial:
@@ -327,7 +312,7 @@ def main() -> int:
         if trial.key in finished(chosen.out):
             continue
         row = measure(trial, chosen.runs)
-        append(chosen.out, row)
+        append(chosen.out, list(row), row)
         print(" ".join(f"{name} {value}" for name, value in row.items()), flush=True)
     return 0
 

@@ -27,7 +27,8 @@ from pathlib import Path
 
 from ladder_arms import CELL_KEY, KINDS, NUM_ENVS, VARIED, Arm, Cell, all_arms
 from ladder_page import PAGE, PICTURE, drawn_ladder, written_page
-from river_flights import RESULTS, append, figures_of, fly, is_begun
+from river_flights import RESULTS, figures_of, fly
+from tables import append, is_begun
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.evaluation import Label

@@ -1,12 +1,12 @@
 """Flights of a policy on many rivers: several rivers together, the figures of their episodes, and tables that grow."""
 
-import csv
 import multiprocessing
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import numpy as np
+from tables import append
 
 from thalweg.bench.evaluate.baselines import Policy, RecurrentPolicy
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
@@ -92,18 +92,3 @@ def fly_cells(
             append(table, columns, row)
             print(*(f"{name} {row[name]}" for name in columns), flush=True)
     return failures
-
-
-def is_begun(table: Path) -> bool:
-    """Return whether a table has a heading: one that a killed process left empty is as good as none."""
-    return table.is_file() and table.stat().st_size > 0
-
-
-def append(path: Path, columns: Sequence[str], row: Mapping[str, str]) -> None:
-    """Append a row to a table, with a heading if it is not begun."""
-    fresh = not is_begun(path)
-    with open(path, "a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, columns, lineterminator="\n")
-        if fresh:
-            writer.writeheader()
-        writer.writerow(row)

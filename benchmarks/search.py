@@ -28,12 +28,11 @@ bound and the policy turned round at once. The bound of 2, which FOCOPS has, dou
 """
 
 import argparse
-import csv
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tables import append, is_begun
 
 from thalweg.algos.registry import algorithm_named
 from thalweg.bench.csv_files import read_csv
@@ -102,21 +101,6 @@ def run_trial(algorithm: str, number: int, folder: Path) -> dict[str, Any]:
     }
 
 
-def is_begun(table: Path) -> bool:
-    """Return whether a table has a header: one that a killed process left empty is as good as none."""
-    return table.is_file() and table.stat().st_size > 0
-
-
-def append(table: Path, row: Mapping[str, Any]) -> None:
-    """Append a row, below a header if the table is not begun."""
-    new = not is_begun(table)
-    with open(table, "a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(row), lineterminator="\n")
-        if new:
-            writer.writeheader()
-        writer.writerow(row)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("algorithms", nargs="*", default=list(TRIALS), help="algorithms to search; default: all")
@@ -132,7 +116,7 @@ def main() -> None:
             if any((row["algorithm"], row["changes"], row["steps"]) == key for row in done):
                 continue
             row = run_trial(algorithm, number, given.out / f"{algorithm} {settings_text(changes)}")
-            append(TABLE, row)
+            append(TABLE, list(row), row)
             print(" ".join(f"{key} {value}" for key, value in row.items()), flush=True)
 
 

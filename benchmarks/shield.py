@@ -28,9 +28,10 @@ import numpy as np
 import torch
 from any_river import Cell
 from page_sections import replace_section
-from river_flights import RESULTS, figures_of, fly_cells, is_begun, joined
+from river_flights import RESULTS, figures_of, fly_cells, joined
 from shield_arms import ARMS, EPISODES, KEY, KINDS, LEVELS, NAMES, Pair, arm_of_file, chosen_arms, names_of, planned
 from shield_page import SIDES, VETOED, page_tables
+from tables import is_begun
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.course import EvaluationConfig

@@ -63,7 +63,7 @@ def _price(studies: Studies) -> str:
 def _without_limit(studies: Studies) -> str:
     told = [
         f"{each.cost.value / each.limit:.1f} times the middle limit of {task} and returns {each.return_.value:.2f},"
-        f" {each.regret.value:.2f} below the oracle"
+        f" {abs(each.regret.value):.2f} {'below' if each.regret.value >= 0 else 'above'} the oracle"
         for task, study in studies.items()
         for each in study.at(FIXED, study.middle_limit)
         if each.algorithm in LIMITLESS

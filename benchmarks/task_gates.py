@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ideal_eye import append, rivers_of
+from ideal_eye import rivers_of
 from page_sections import replace_section
 from settings_hash import settings_hash
+from tables import append
 
 from thalweg.algos.policy.policy import AnyPolicy
 from thalweg.algos.registry import algorithm_named
@@ -227,7 +228,7 @@ def main() -> int:
             if key_of(task, policy, seed) in {tuple(row[name] for name in KEY) for row in known}:
                 continue
             row = measure(task, policy, seed, given.runs)
-            append(given.out, row)
+            append(given.out, list(row), row)
             print(" ".join(f"{name} {value}" for name, value in row.items()), flush=True)
     return 0
 

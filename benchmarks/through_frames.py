@@ -22,7 +22,8 @@ import numpy as np
 from ladder import COLUMNS, Task, missing_cells, status_of
 from ladder_arms import CELL_KEY, FIXED, Arm
 from page_sections import replace_section
-from river_flights import is_begun, mean_return
+from river_flights import mean_return
+from tables import is_begun
 
 from thalweg.bench.csv_files import read_csv
 from thalweg.bench.report.policies import CRITICS_SEE

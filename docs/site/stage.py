@@ -169,7 +169,7 @@ class Stage:
         mark = self.folder / MARK
         if not mark.is_file() and self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
             raise FolderError(
-                f"{self.folder} is not empty, and was not staged by this script, which removes all that it has not"
+                f"{self.folder} is not empty, and bears no mark of this script, which removes all that it has not"
                 " written: remove it, or name another folder"
             )
         self.write(MARK, "Staged pages: everything here is written anew, or removed.\n")

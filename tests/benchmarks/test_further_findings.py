@@ -78,7 +78,7 @@ def test_codes_of_geometry_stand_beside_those_of_the_autoencoder(further: Module
 @pytest.mark.parametrize("name", ["protocols", "geometry"])
 def test_the_page_says_what_the_suite_trains(name: str):
     page = (ROOT / "docs" / "findings.md").read_text()
-    assert f"The suite `{name}` trains" in page
+    assert f"`{name}` trains" in page
     labels = [arm.label for arm in SUITES[name].arms]
     if name == "protocols":
         assert labels == ["FOCOPS-Hard", "FOCOPS-curriculum", "FOCOPS-after-PPO", "FOCOPS"]

@@ -10,6 +10,7 @@ import torch
 
 from tests.train.small_runs import SMALL, numbers, train
 from thalweg.algos import ALGORITHMS
+from thalweg.bench.packaged import PACKAGED_POLICY
 from thalweg.encoder import load_encoder
 from thalweg.encoder.encoder import PACKAGED
 from thalweg.train import load_policy
@@ -51,6 +52,13 @@ def test_a_policy_acts_alike(tmp_path: Path):
         policy = load_policy(tmp_path)
         assert {parameter.dtype for parameter in policy.actor.parameters()} == {torch.float32}
         assert np.array_equal(policy.player(3, deterministic=True)(obs, fresh), expected)
+
+
+def test_a_packaged_policy_acts_alike():
+    images, fresh = np.zeros((2, 128, 128, 4), np.uint8), np.ones(2, dtype=bool)
+    expected = load_policy(PACKAGED_POLICY).player(2, deterministic=True)(images, fresh)
+    with double():
+        assert np.array_equal(load_policy(PACKAGED_POLICY).player(2, deterministic=True)(images, fresh), expected)
 
 
 @pytest.mark.parametrize("name", [None, *PACKAGED])

@@ -219,7 +219,7 @@ def check_pose(courses: CourseArrays, world: int, config: EnvConfig, pose: np.nd
 
 
 def _check_goal(courses: CourseArrays, world: int, config: EnvConfig, pose: Pose, projection: Projection) -> None:
-    """Raise `UnsafePoseError` if an episode that starts at a pose is a success at once."""
+    """Raise `UnsafePoseError` if a pose lies at the goal."""
     travel = travel_direction(courses, world, projection, pose.yaw)
     if config.task_record.portage:
         at_goal, goal = is_at_station(courses, world, projection, travel), f"within {REACHED_M:g} m of the station"
@@ -227,7 +227,7 @@ def _check_goal(courses: CourseArrays, world: int, config: EnvConfig, pose: Pose
         at_goal = not courses.closed[world] and projection.segment == last_segment(courses, world, travel)
         goal = "in the last segment of the course in the direction of travel"
     if at_goal:
-        raise UnsafePoseError(f"({pose.x:.2f}, {pose.y:.2f}) lies {goal}, where an episode ends as a success at once")
+        raise UnsafePoseError(f"({pose.x:.2f}, {pose.y:.2f}) lies {goal}, which is the goal")
 
 
 def _check_volume(courses: CourseArrays, world: int, config: EnvConfig, pose: Pose, projection: Projection) -> None:

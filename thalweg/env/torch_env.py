@@ -177,7 +177,9 @@ class TensorRiverEnv:
     @property
     def camera_matrices(self) -> CameraMatrices:
         """Matrices K [N, 3, 3], R [N, 3, 3] and t [N, 3] of the cameras in the current state, float64 tensors on the
-        device, in OpenCV's convention; see `thalweg.render.records.pinhole`."""
+        device, in OpenCV's convention; see `thalweg.render.records.pinhole`. Raises `gymnasium.error.ResetNeeded`
+        before the first reset."""
+        self._check_started("camera_matrices")
         return self._observer.camera_matrices()
 
     @property
@@ -240,9 +242,13 @@ class TensorRiverEnv:
         Without it they are drawn again where `reset` or `step` has drawn them. Raises `gymnasium.error.ResetNeeded`
         before the first reset.
         """
-        if not self._started:
-            raise gymnasium.error.ResetNeeded("call reset() before observe()")
+        self._check_started("observe()")
         return self._observer.observe()
+
+    def _check_started(self, what: str) -> None:
+        """Raise `gymnasium.error.ResetNeeded` before the first reset."""
+        if not self._started:
+            raise gymnasium.error.ResetNeeded(f"call reset() before {what}")
 
     def close(self) -> None:
         """Do nothing: the environment holds no resources that must be released."""

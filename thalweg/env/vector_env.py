@@ -245,6 +245,7 @@ class RiverVectorEnv(VectorEnv):
     def props(self) -> np.ndarray | None:
         """Return the objects [N, P, 6] of the task about each vehicle, as `thalweg.render.records.props`; None in a
         task without any."""
+        self._check_started("props()")
         return self.observer.props_about(self.courses, self.state)
 
     def render(self) -> tuple[np.ndarray, ...] | None:

@@ -24,7 +24,7 @@ from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.tasks import task_plugin
 from thalweg.render import RENDER_VERSION, compilation
-from thalweg.train.encoder_of_run import check_camera_fits, file_of_its_own, tell_other_optics
+from thalweg.train.encoder_of_run import TAUGHT, check_camera_fits, file_of_its_own, is_taught, tell_other_optics
 from thalweg.train.errors import TrainingError
 from thalweg.train.fast_steps import fast_step_in_words, fast_step_of
 from thalweg.train.folder.run_record import RUN_FOLDER, TASK_PLUGIN, read_context
@@ -242,7 +242,7 @@ class RiverTraining:
         seen = observation_of_run(sees_images(resolved), encoder, observation, begun)
         felt = proprioception or "proprioception" in self.config.parts
         check_parts(seen, felt, self.config.observation)
-        context = self._context(seen, encoder, felt)
+        context = self._context(seen, encoder, felt) | ({TAUGHT: True} if is_taught(begun) else {})
         RUN_FOLDER.require_same_file(folder, read_context(folder).get("river") or {}, context.get("river", {}))
         self._check_fits(begun, encoder, seen, felt)
         device = resolve_device(how.device)

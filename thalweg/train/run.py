@@ -272,9 +272,8 @@ def _task_identity(task: Task, learner: Learner, collector: Collector) -> dict[s
     }
     if task.image is not None:
         identity["image"] = list(task.image)
-        if (
-            isinstance(learner.policy, policies.Policy) and learner.policy.scales_options
-        ):  # not so before, of branches with many options
+        # Runs of earlier versions lack the key: they did not scale the last options of branches with many.
+        if isinstance(learner.policy, policies.Policy) and learner.policy.scales_options:
             identity[policies.LAST_OPTIONS] = policies.SCALED
     if task.critic_size:
         identity["critic_size"] = task.critic_size

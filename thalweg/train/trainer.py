@@ -14,6 +14,8 @@ from thalweg.train.errors import UnitWarning
 from thalweg.train.rollouts.collector import Collector
 from thalweg.train.rollouts.episodes import Episode
 
+NUMBERS_IGNORED = "numbers_ignored"
+"""Code of the warning of numbers that vary too little to be seen."""
 MOST_LISTED = 10
 """Numbers of an observation that a warning names at most."""
 
@@ -78,7 +80,7 @@ class Trainer:
         self._steps_at_update = self.statistics.steps
         if metrics:
             self._warn(self.learner.warnings(feedback), LimitWarning)
-            if feedback.episodes >= ENOUGH_EPISODES:
+            if feedback.episodes >= ENOUGH_EPISODES and NUMBERS_IGNORED not in self.warned:
                 self._warn(overlooked_numbers(self.policy), UnitWarning)
             self.statistics.since_update.clear()
             self.updates += 1
@@ -139,4 +141,4 @@ def overlooked_numbers(policy: Any) -> dict[str, str]:
         f" at most {CONSTANT_STD:g}, and are taken for constant; give them in a smaller unit, such as multiples of"
         " their usual deviation, or set normalise_observations=false"
     )
-    return {"numbers_ignored": sentence}
+    return {NUMBERS_IGNORED: sentence}

@@ -99,7 +99,7 @@ def test_results_belong_to_the_content_wherever_the_files_are(runs: list[Path], 
     run_suite(suite(student(runs)), folder, SmallBackend())
     moved = (tmp_path / "moved").resolve()
     moved.mkdir()
-    runs = [run.rename(moved / run.name) for run in runs]
+    runs = [run.rename(moved / f"other-{run.name}") for run in runs]
     again = SmallBackend()
     run_suite(suite(student(runs)), folder, again)
     assert flights(again) == []
@@ -144,7 +144,7 @@ def test_the_leaderboard_ranks_three_seeds_of_a_student_with_an_interval(
 
 
 def test_each_seed_flies_every_condition(runs: list[Path]):
-    planned = suite(student(runs), conditions=(*CONDITIONS, SHIELDED))
+    planned = suite(student(runs), conditions=CONDITIONS)
     trials = planned.trials(Run("policy", "student", 1))
     assert {trial.condition.name for trial in trials} == {"", *(each.name for each in planned.conditions)}
     results = Results(Path(), json.loads(json.dumps(planned.as_data())), [], [], [], [])
@@ -196,7 +196,7 @@ def test_a_node_with_another_policy_to_begin_with_trains_nothing(runs: list[Path
     assert next(run_on_node(sent)).files is None
     (runs[0] / POLICY).unlink()
     with pytest.raises(
-        ResultsError, match=r"of the cluster has another policy .*student-0: .* is gone now\. .* Copy it"
+        ResultsError, match=r"of the cluster has another policy .*student-0 \(its content: no file there, "
     ):
         next(run_on_node(sent))
 
@@ -235,6 +235,24 @@ def test_a_policy_that_does_not_fit_the_flights_is_refused(tmp_path: Path):
     own = saved(tmp_path / "coded", 0, observation="frames", encoder="0123", encoder_file="")
     with pytest.raises(ResultsError, match="takes images, but does not say which"):
         saved_policy(own)
+
+
+def test_a_policy_whose_frames_have_no_mask_is_not_shielded(runs: list[Path]):
+    with pytest.raises(ResultsError, match=r"student-0: the shield reads water masks, but this policy sees images"):
+        suite(student(runs), conditions=(SHIELDED,))
+
+
+def test_a_policy_that_a_training_cannot_begin_with_is_refused_before_anything_runs(tmp_path: Path):
+    sees: dict[str, Any] = {"settings": {"policy": "cnn"}, "observation": "rgb", "steps": 50_000}
+    other = saved(tmp_path / "other", 0, env={"vehicle": "asv"})
+    with pytest.raises(ResultsError, match=r"arm begun: .*other: the policy was trained for the vehicle asv, not uav"):
+        replace(SUITE, arms=(Arm("PPO", begin_with=PolicyFile.of(str(other)), name="begun", **sees),))
+
+
+def test_a_policy_whose_training_began_with_a_taught_one_is_taught(tmp_path: Path):
+    assert PolicyFile.of(str(saved(tmp_path / "further", 0, taught=True))).is_taught
+    assert not PolicyFile.of(str(saved(tmp_path / "own", 0))).is_taught
+    assert PolicyFile.of("packaged").is_taught and PolicyFile.of(PACKAGED_RGB).is_taught
 
 
 def test_a_text_names_a_function_or_a_policy(tmp_path: Path, runs: list[Path]):

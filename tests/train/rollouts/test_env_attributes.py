@@ -53,5 +53,11 @@ def test_an_environment_without_an_attribute_goes_on(vector_of: Callable):
     assert env.reset()[0].tolist() == [[0.0, 0.0]] * 2
 
 
+def test_a_vectors_own_attribute_comes_first(vector_of: Callable):
+    env = vector_of(lambda: RiverEnv(ring(), SWIMMERS))
+    env.cost_kinds = ("own",)
+    assert env_attribute(env, "cost_kinds") == ("own",)
+
+
 def test_what_critics_are_told_is_announced(vector_of: Callable):
     assert critic_size(vector_of(ToldCount)) == 3 and critic_size(vector_of(Count)) == 0

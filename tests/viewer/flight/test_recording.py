@@ -18,7 +18,7 @@ from thalweg.viewer.errors import ViewerError
 from thalweg.viewer.flight.flight import Flight, env_of
 from thalweg.viewer.flight.flyers import Pilot
 from thalweg.viewer.flight.options import FlightOptions
-from thalweg.viewer.flight.recording import Folder, Recording, read_recording, write_recording
+from thalweg.viewer.flight.recording import DUE, Folder, Recording, read_recording, write_recording
 from thalweg.world import World
 
 
@@ -149,6 +149,16 @@ def test_servers_that_save_at_once_lose_no_row(fly: Fly, tmp_path: Path):
         names = list(pool.map(lambda _: Folder(tmp_path).save(flight), range(12)))
     assert len(set(names)) == 12
     assert [row.episode for row in read_episodes(tmp_path / "episodes.csv")] == list(range(12))
+
+
+@pytest.mark.parametrize("content", ["", "algorithm,seed\n"])
+def test_a_row_that_cannot_be_read_does_not_keep_others_from_the_table(content: str, fly: Fly, tmp_path: Path):
+    folder = Folder(tmp_path)
+    first = folder.save(pilot_flight(fly(seed=1)))
+    table = next(path.name for path in tmp_path.glob("*.csv"))
+    (tmp_path / f".{first}{DUE}{table}").write_text(content)
+    folder.save(pilot_flight(fly(seed=1)))
+    assert [row.episode for row in read_episodes(tmp_path / table)] == [0, 1]
 
 
 def test_a_flight_without_a_step_is_not_saved(fly: Fly, tmp_path: Path):

@@ -62,7 +62,7 @@ class LastOptions(nn.Module):
         self.scaled = max(sizes, default=0) > FEW_OPTIONS
         """Whether a branch has so many options that their numbers are scaled."""
         numbers = [(2.0 / size, -1.0, -1.0) if size > FEW_OPTIONS else (1.0, -2.0, 0.0) for size in sizes]
-        parts = torch.tensor(numbers, device=device).T
+        parts = torch.tensor(numbers, dtype=torch.float32, device=device).T
         for name, part in zip(("factor", "shift", "none"), parts, strict=True):
             self.register_buffer(name, part, persistent=False)
 

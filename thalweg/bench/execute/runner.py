@@ -186,7 +186,24 @@ def comparable(record: dict[str, Any], suite: Suite) -> tuple[dict[str, Any], di
     usual |= {"task": "River", "hard": False, "forces": {}, "views": {}}
     requested = usual | json.loads(json.dumps(suite.as_data()))
     recorded = usual | {key: value for key, value in record.items() if key in requested}
-    return _arms_by_name(recorded), _arms_by_name(requested)
+    return _arms_by_name(_by_content(recorded)), _arms_by_name(_by_content(requested))
+
+
+def _by_content(record: dict[str, Any]) -> dict[str, Any]:
+    """Return a suite's record with the contents of policies alone, wherever their files lie and whatever they are
+    called."""
+
+    def content(file: Any) -> Any:
+        return {name: value for name, value in file.items() if name != "file"} if isinstance(file, dict) else file
+
+    def told(each: dict[str, Any], name: str) -> dict[str, Any]:
+        files = each.get(name)
+        if files is None:
+            return each
+        return each | {name: [*map(content, files)] if isinstance(files, list) else content(files)}
+
+    policies = [told(each, "policy") for each in record.get("policies", [])]
+    return record | {"policies": policies, "arms": [told(arm, "begin_with") for arm in record.get("arms", [])]}
 
 
 def _arms_by_name(record: dict[str, Any]) -> dict[str, Any]:

@@ -36,12 +36,13 @@ that sees images itself is followed by their channels, {" or ".join(f"*({channel
 """
 TAUGHT_NOTE = """These policies learnt from a pilot that knows the map before anything else, so they are ranked among
 themselves. The packaged policy was imitated on other rivers than these, in more steps than a row may have, and is flown
-once from every start, so that it has no interval over seeds; so are other policies of files, but that each file is a
-seed. Those with steps begin with one of these, and their steps are those that follow."""
+once from every start, so that it has no interval over seeds. Other policies of files are flown in the same way, each
+file as a seed; on which rivers they learnt, and in how many steps, is not known here. Rows with steps began with a
+policy of these kinds, and their steps are those after it."""
 PRIVILEGED_NOTE = """These policies see what a perfect camera could tell instead of frames, so they are ranked among
 themselves."""
-FUNCTIONS_NOTE = """Functions, and policies that were trained before, flown as they are, once from every start; of a
-policy of several files, each is a seed. *Versions* has the version and the hash of the source of each function."""
+FUNCTIONS_NOTE = """Functions, and policies that were trained before, flown as they are, once from every start; each
+file of a policy is a seed. *Versions* has the version and the hash of the source of each function."""
 OTHER_LEVELS = tuple(level for level in LEVELS if level != LEVEL)
 COLUMNS = (
     "policy", "results", "limit met", "cost", LEVEL, *OTHER_LEVELS, "unseen", "regret",

@@ -212,7 +212,7 @@ SECTIONS: tuple[Section, ...] = (
     FilmSection(
         "Each policy's best flight and typical failure",
         lambda name: name != MAIN_FILM,
-        f"Each policy flies the level that it was trained on. The films show one of {SMALL.every} steps.",
+        f"Each policy flies the level that it was trained on. The films show one step in {SMALL.every}.",
     ),
     FigureSection(
         "conditions_grid",

@@ -23,6 +23,7 @@ from thalweg.bench.evaluate.rivers import (
     recorded_reach,
     refuse_unknown_levels,
 )
+from thalweg.bench.evaluate.shielded import check_masks
 from thalweg.bench.packaged import PACKAGED
 from thalweg.bench.suite.arms import (
     Arm,
@@ -149,6 +150,7 @@ class Suite:
                 except (AlgorithmError, PluginError, TrainingError) as error:
                     stage = f", stage {index + 1}" if arm.before else ""
                     raise ValueError(f"suite {self.name}, {arm.label}{stage}: {error}") from error
+            self._check_begun(arm)
         return self
 
     def _check_sight(self, arm: Arm, has_convolutions: bool) -> None:
@@ -234,14 +236,30 @@ class Suite:
                 except TrainingError as error:
                     raise ValueError(f"{arm.label}: {error}") from error
 
+    def _check_begun(self, arm: Arm) -> None:
+        """Raise `ValueError` for a policy to begin with that does not fit the training of its arm.
+
+        The one that comes with the package is compared by what it sees alone.
+        """
+        rules, begun, seen = self.training_rules, arm.begin_with, arm.observation or self.observation
+        if begun is None or begun.is_packaged:
+            return
+        encoder = load_compatible_encoder(arm.encoder or self.encoder) if seen == FRAMES else None
+        try:
+            check_policy_fits(begun.policy, encoder, offered=seen, task=rules.task, action=rules.action)
+        except TrainingError as error:
+            raise ValueError(f"suite {self.name}, arm {arm.label}: {begun.given}: {error}") from error
+
     def _check_saved(self) -> None:
         """Raise `ValueError` for a policy that was trained before and does not fit the flights."""
-        rules = self.rules
+        rules, shielded = self.rules, any(condition.shield for condition in self.conditions)
         for file in (file for saved in self.policies if isinstance(saved, SavedPolicy) for file in saved.policy):
             encoder = None if file.encoder is None else load_compatible_encoder(file.encoder)
             try:
                 check_policy_fits(file.policy, encoder, task=rules.task, action=rules.action, dynamics=rules.dynamics)
-            except TrainingError as error:
+                if shielded and file.observation != PRIVILEGED:
+                    check_masks(file.policy, encoder)
+            except (TrainingError, ResultsError) as error:
                 raise ValueError(f"{file.given}: {error}") from error
 
     def _check_names(self) -> None:

@@ -14,9 +14,12 @@ from thalweg.core.cache import file_hash
 from thalweg.encoder import PACKAGED as ENCODERS
 from thalweg.encoder import encoder_plugin
 from thalweg.train import load_policy
-from thalweg.train.encoder_of_run import context_of, encoder_of
+from thalweg.train.encoder_of_run import encoder_of, is_taught
 from thalweg.train.observations import FRAMES, observation_of
 from thalweg.train.run_in_folder import policy_file
+
+DEFAULT = "default"
+"""Encoder of policies of codes that do not name theirs."""
 
 
 @dataclass(frozen=True)
@@ -69,18 +72,20 @@ class PolicyFile:
         """The policy; raises the errors of `load_policy`."""
         return load_policy(self.path)
 
+    @property
+    def found(self) -> str:
+        """Hash of the file as it is now; empty for `packaged`, and where there is none."""
+        try:
+            return "" if self.is_packaged else file_hash(self.path)
+        except (AlgorithmError, OSError):
+            return ""
+
     def unchanged(self) -> "PolicyFile":
         """Return it, if its file still has that content; raises `ResultsError` for another, or none."""
-        if self.is_packaged:
-            return self
-        try:
-            found = file_hash(self.path)
-        except (AlgorithmError, OSError):
-            found = "gone"
-        if found != self.content:
+        if (found := self.found) != self.content:
             raise ResultsError(
-                f"{self.given} has changed since the suite was read: its content was {self.content} and is {found} now."
-                " Restore the old file, or choose another folder of results."
+                f"{self.given} has changed since the suite was read: its content was {self.content} and is"
+                f" {found or 'gone'} now. Restore the old file, or choose another folder of results."
             )
         return self
 
@@ -91,8 +96,8 @@ class PolicyFile:
 
     @property
     def is_taught(self) -> bool:
-        """Whether it learnt from a teacher that knows the map."""
-        return self.is_packaged or "imitation_version" in context_of(self.policy)
+        """Whether it learnt from a teacher that knows the map, or its training began with one that did."""
+        return self.is_packaged or is_taught(self.policy)
 
     @property
     def encoder(self) -> str | None:
@@ -104,7 +109,7 @@ class PolicyFile:
             return None
         file = encoder_of(self.policy)
         if file is None:
-            return next(iter(ENCODERS))
+            return DEFAULT
         if encoder_plugin(str(file)) is not None:
             return str(file)
         name = next((name for name, path in ENCODERS.items() if path == file), None)
@@ -127,10 +132,7 @@ def _begun(value: Any) -> PolicyFile | None:
     """Return the policy that an arm begins with; None for none, which may be empty text too."""
     if value is None or value == "":
         return None
-    try:
-        return PolicyFile.of(value)
-    except ResultsError as error:
-        raise ValueError(str(error)) from error
+    return PolicyFile.of(value)
 
 
 Begun = Annotated[PolicyFile, PlainValidator(_begun)]

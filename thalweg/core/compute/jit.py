@@ -70,7 +70,7 @@ def kernel(
             try:
                 dispatcher._cache = _Cache(dispatcher.py_func)
             except OSError as error:  # its folder cannot be made
-                _warn_not_stored(kernel_cache_dir(), error.strerror)
+                _warn_not_stored(kernel_cache_dir(), str(error))
         return dispatcher
 
     return compile_lazily(function) if function is not None else compile_lazily
@@ -189,4 +189,4 @@ class _Cache(caching.FunctionCache):
         try:
             self._save_overload(sig, data)
         except OSError as error:
-            _warn_not_stored(kernel_cache_dir(), error.strerror)
+            _warn_not_stored(kernel_cache_dir(), str(error))

@@ -19,7 +19,7 @@ from thalweg.core.seeds import compact_seeds, parse_seeds, refuse_unseen
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.rivers.assignment import DrawnRivers
-from thalweg.env.rivers.memory import check_all_fit, drawn_bytes
+from thalweg.env.rivers.memory import bytes_of, check_all_fit
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import action_space
 from thalweg.env.task.bird_eye import COLUMNS, ROWS
@@ -129,7 +129,7 @@ class Imitation:
 
     def _rivers(self, grounds: Sequence[Level | Reach], seeds: Sequence[int]) -> RiverList:
         """Return the rivers of the levels, or the real river with the plants and hills of each seed, all of them in
-        memory; raises `ConfigError`, once one of them is built, if they do not fit."""
+        memory; raises `ConfigError`, once one of them is built, if their valleys do not fit."""
         if self.river is None:
             return RiverList.of_levels([(level, seeds) for level in grounds], self.rivers_in_memory)  # pyright: ignore[reportArgumentType]
         worlds: list[World] = []
@@ -137,7 +137,7 @@ class Imitation:
             announce_build(self.river, seed)
             worlds.append(self.river.build(seed))
             if len(worlds) == 1 and len(seeds) > 1:
-                check_all_fit(len(seeds), drawn_bytes(worlds[0]), free_bytes())
+                check_all_fit(len(seeds), bytes_of(worlds[0]), free_bytes())
         return RiverList(worlds, self.rivers_in_memory)
 
     def _seeds_of_gate(self, seeds: Sequence[int], config: ImitationConfig) -> Sequence[int]:

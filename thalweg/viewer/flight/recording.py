@@ -252,13 +252,16 @@ class Folder:
     def _add_rows(self, table: str) -> None:
         """Add the rows that are due to a table, also those of processes that were killed before they added theirs.
 
-        Raises `ResultsError` for a table that cannot be read, and `OSError`.
+        Raises `ResultsError` for a table that cannot be read, and `OSError`. A row that cannot be read stays beside it.
         """
         path = self.path / table
         for due in without_temporaries(self.path.glob(f".*{DUE}{table}")):
             if (self.path / f"{due.name[1:].removesuffix(DUE + table)}{ENDING}").is_file():  # else it was never written
+                try:
+                    (row,) = read_episodes(due)
+                except (ResultsError, ValueError):
+                    continue
                 rows = read_episodes(path) if path.is_file() else []
-                (row,) = read_episodes(due)
                 if rows[row.episode : row.episode + 1] != [row]:  # else it was added, and its file was not removed
                     row = replace(row, episode=len(rows))
                     write_episodes(due, [row])

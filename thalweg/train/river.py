@@ -242,7 +242,8 @@ class RiverTraining:
         seen = observation_of_run(sees_images(resolved), encoder, observation, begun)
         felt = proprioception or "proprioception" in self.config.parts
         check_parts(seen, felt, self.config.observation)
-        context = self._context(seen, encoder, felt) | ({TAUGHT: True} if is_taught(begun) else {})
+        taught: dict[str, Any] = {TAUGHT: True} if is_taught(begun) else {}
+        context = self._context(seen, encoder, felt) | taught
         RUN_FOLDER.require_same_file(folder, read_context(folder).get("river") or {}, context.get("river", {}))
         self._check_fits(begun, encoder, seen, felt)
         device = resolve_device(how.device)

@@ -1,4 +1,4 @@
-"""Who acts in the flights of an imitation, what is noted of them, and how stored steps are drawn again."""
+"""Tests of the flights of an imitation: who acts, what is noted, and how stored steps are drawn again."""
 
 from itertools import count
 from types import SimpleNamespace

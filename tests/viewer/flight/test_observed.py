@@ -1,4 +1,4 @@
-"""What the recording of a flight for a data set says of its end."""
+"""Tests of recorded flights for data sets: whether, and why, they ended."""
 
 from pathlib import Path
 

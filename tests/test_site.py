@@ -80,7 +80,7 @@ def test_every_page_of_the_docs_is_in_one_table_of_contents(tmp_path: Path):
 def test_a_folder_that_was_not_staged_is_left_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "thesis.tex").write_text("mine")
     monkeypatch.setattr(sys, "argv", ["stage.py", str(tmp_path)])
-    with pytest.raises(SystemExit, match=r"is not empty, and was not staged by this script, which removes"):
+    with pytest.raises(SystemExit, match=r"is not empty, and bears no mark of this script, which removes"):
         stage.main()
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 

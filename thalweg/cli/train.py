@@ -63,8 +63,7 @@ class Train(Command):
     set: tuple[str, ...] = ()
     """Settings on top of the preset, such as learning_rate=1e-4; `--set help` lists them with their meanings."""
     threads: int | None = None
-    """Threads for acting and learning; by default, within OMP_NUM_THREADS, 1 for on-policy algorithms and 2 for others,
-    and all for policies that see images."""
+    """Threads for acting and learning; by default 1 on-policy, 2 for others, all for images, within OMP_NUM_THREADS."""
     begin_with: Path | None = None
     """Run folder or policy file of the policy that the run starts from, `packaged` or `packaged-rgb`."""
     device: str = "cpu"

@@ -176,9 +176,7 @@ def test_no_episode_of_portage_in_an_open_course_ends_in_a_step_that_stays():
 )
 def test_a_pose_at_the_goal_is_refused_and_one_before_it_or_away_from_it_is_none(task, pose, message):
     env = RiverVectorEnv(canal(), 1, EnvConfig(observation="none", task=task))
-    with pytest.raises(
-        UnsafePoseError, match=rf"\({pose[0]:.2f}, 0.00\) {message}, which is the goal"
-    ):
+    with pytest.raises(UnsafePoseError, match=rf"\({pose[0]:.2f}, 0.00\) {message}, which is the goal"):
         env.reset(options={"pose": pose})
     before = pose[0] + (1.0 if pose[3] else -1.0)
     for safe in ((before, *pose[1:]), (*pose[:3], math.pi - pose[3])):

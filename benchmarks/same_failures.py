@@ -23,7 +23,8 @@ from PIL import Image
 from river_flights import fly
 
 from thalweg.algos.imitation.student import ALGORITHM
-from thalweg.algos.policy.policy import NetworkPlayer, Policy
+from thalweg.algos.policy.player import NetworkPlayer
+from thalweg.algos.policy.policy import Policy
 from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
 from thalweg.bench.evaluate.course import UNSEEN, Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label

@@ -17,7 +17,8 @@ from tests.known_answer.solutions import Outcome, outcome
 from thalweg.algos import Policy
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.distributions import Categoricals, Deterministic, Gaussians, SquashedGaussian
-from thalweg.algos.policy.policy import AnyPolicy, Player
+from thalweg.algos.policy.player import Player
+from thalweg.algos.policy.policy import AnyPolicy
 
 
 @dataclass(frozen=True)

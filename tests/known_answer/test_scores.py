@@ -12,7 +12,7 @@ from tests.known_answer.problems import ACTIONS, PROBLEMS
 from tests.known_answer.scores import drawn, gaussian_bins, played, probabilities, require_drawn, score
 from thalweg.algos import Policy
 from thalweg.algos.policy.actions import Kind, actions_of
-from thalweg.algos.policy.policy import Player
+from thalweg.algos.policy.player import Player
 from thalweg.algos.policy.policy_file import About
 
 PROBLEM = PROBLEMS["dense"]

@@ -16,7 +16,7 @@ from thalweg.algos.planning.ccepets import CCEPETSConfig
 from thalweg.algos.planning.planner import Planner
 from thalweg.algos.planning.policy import METHODS, VALUES_BEFORE, PlannerPlayer, PlannerPolicy
 from thalweg.algos.policy.actions import actions_of
-from thalweg.algos.policy.policy import to_tensors
+from thalweg.algos.policy.player import to_tensors
 from thalweg.algos.policy.policy_file import About, load_policy
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.core.config import to_plain

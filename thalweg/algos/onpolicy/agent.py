@@ -38,7 +38,8 @@ from thalweg.algos.policy.distributions import AnalyticDistribution, Distributio
 from thalweg.algos.policy.memory import Sequences
 from thalweg.algos.policy.networks import Critics
 from thalweg.algos.policy.normaliser import Normaliser
-from thalweg.algos.policy.policy import NetworkPlayer, Policy
+from thalweg.algos.policy.player import NetworkPlayer
+from thalweg.algos.policy.policy import Policy
 from thalweg.algos.policy.policy_file import About
 from thalweg.algos.policy.vision import FIRST_STRIDE, MOST_OPTIONS
 from thalweg.core.config import to_plain

@@ -8,7 +8,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 import numpy as np
 import torch
 
-from thalweg.algos.policy.policy import Player
+from thalweg.algos.policy.player import Player
 from thalweg.train.observations import IMAGES, PRIVILEGED, observation_of
 
 Sight = Literal["nothing", "scripted", "steady", "privileged", "frames", "images"]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from thalweg.algos.policy.policy import Player
+from thalweg.algos.policy.player import Player
 from thalweg.bench.evaluate.baselines import DRAWN, Constant, Policy, Random, RecurrentPolicy, Sight, sight_of
 from thalweg.bench.evaluate.course import DEFAULT_EVALUATION, Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import ALL_REASONS, END_COLUMNS, Episode, flown_of_ahead, share_ahead

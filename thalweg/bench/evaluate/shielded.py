@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from thalweg.algos.policy.policy import NetworkPlayer, Player
+from thalweg.algos.policy.player import NetworkPlayer, Player
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import sight_of
 from thalweg.bench.evaluate.episodes import Episode

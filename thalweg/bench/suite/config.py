@@ -1,29 +1,22 @@
 """Config of a suite: what is trained with which seeds, and how the policies are evaluated.
 
-A suite is checked when it is constructed: it names only what exists, and nothing twice.
+A suite is checked when it is constructed, see `thalweg.bench.suite.checks`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import field
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ValidationInfo, model_validator
 
-from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.constraint.cost_limits import check_cost_episodes
-from thalweg.algos.registry import algorithm_named, algorithm_names
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.conditions import CONDITIONS, MAIN, SHIELDED, Condition, Trial
 from thalweg.bench.evaluate.rivers import (
     RIVERS,
     Files,
-    check_files,
     reaches_of,
     recorded_reach,
-    refuse_unknown_levels,
 )
-from thalweg.bench.evaluate.shielded import check_masks
 from thalweg.bench.packaged import PACKAGED
 from thalweg.bench.suite.arms import (
     Arm,
@@ -34,25 +27,16 @@ from thalweg.bench.suite.arms import (
     Run,
     Seed,
     Stage,
-    refuse_repeated,
     seeds_as_data,
     without,
 )
+from thalweg.bench.suite.checks import check_suite
 from thalweg.bench.suite.flown import Flown, Function, SavedPolicy, flown
-from thalweg.bench.suite.names import refuse_long_names
 from thalweg.bench.suite.policy_files import PolicyFile
 from thalweg.bench.suite.views import TrainingViews
-from thalweg.core.config import TupleOf, frozen_config, refuse_unknown, to_plain
-from thalweg.core.plugins.record import PluginError
-from thalweg.encoder import encoder_names, encoder_size
+from thalweg.core.config import TupleOf, frozen_config, to_plain
 from thalweg.env.config import EnvConfig
 from thalweg.env.forces.options import ForceOptions
-from thalweg.env.tasks import task_names
-from thalweg.train.encoder_of_run import check_size_fits
-from thalweg.train.errors import TrainingError
-from thalweg.train.observations import FRAMES, IMAGES, PRIVILEGED, action_of, check_policy_fits
-from thalweg.train.river import RiverTraining, load_compatible_encoder
-from thalweg.train.run import check_warmup, sees_images
 from thalweg.world import Reach
 
 
@@ -126,164 +110,8 @@ class Suite:
 
     @model_validator(mode="after")
     def _check(self) -> "Suite":
-        try:
-            check_files(self.files)
-            self._check_known()
-            self._check_rivers()
-            self._check_repeated()
-            self._check_actions()
-            self._check_views()
-            self._check_saved()
-            self._check_names()
-        except ValueError as error:
-            raise ValueError(f"suite {self.name}: {error}") from error
-        if not self.runs() or not self.test_levels:
-            raise ValueError(f"suite {self.name} has nothing to do")
-        for arm in self.arms:
-            for index, each in enumerate((*arm.before, arm)):
-                try:
-                    config = algorithm_named(each.algorithm).configure(dict(each.settings), each.preset, self.num_envs)
-                    check_cost_episodes(config, self.num_envs)
-                    if index or arm.begin_with is not None:  # begins with the policy of the stage before, or another
-                        check_warmup(config, each.steps, self.num_envs)
-                    self._check_sight(arm, sees_images(config))
-                except (AlgorithmError, PluginError, TrainingError) as error:
-                    stage = f", stage {index + 1}" if arm.before else ""
-                    raise ValueError(f"suite {self.name}, {arm.label}{stage}: {error}") from error
-            self._check_begun(arm)
+        check_suite(self)
         return self
-
-    def _check_sight(self, arm: Arm, has_convolutions: bool) -> None:
-        """Raise `TrainingError` unless what an arm's policies see goes with whether they have convolutions."""
-        seen = arm.observation or self.observation
-        if has_convolutions and seen not in IMAGES:
-            raise TrainingError(f"policy=cnn sees images: set observation to {' or '.join(IMAGES)}, not {seen}")
-        if seen in IMAGES and not has_convolutions:
-            raise TrainingError(f"the observation {seen} is for policies with convolutions: set policy=cnn")
-        if arm.begin_with is not None and seen != (sees := arm.begin_with.observation):
-            how = f"set policy=cnn and observation to {sees}" if sees in IMAGES else f"set observation to {sees}"
-            raise TrainingError(
-                f"the policy {arm.begin_with.given} sees {sees}, not {seen}: leave begin_with out, or {how}"
-            )
-
-    def _check_known(self) -> None:
-        """Raise `ValueError` for an algorithm, a level or a baseline that does not exist."""
-        stages = [stage for arm in self.arms for stage in arm.before]
-        refuse_unknown_levels(self.grounds, self.reaches)
-        for what, names, known in (
-            ("algorithm", [each.algorithm for each in (*self.arms, *stages)], algorithm_names()),
-            ("baseline", self.baselines, BASELINES),
-            ("task", [self.task], task_names()),
-            ("encoder", {self.encoder, *(arm.encoder or self.encoder for arm in self.arms)}, encoder_names()),
-        ):
-            refuse_unknown(what, names, known, ValueError)
-
-    def _check_rivers(self) -> None:
-        """Raise `ValueError` for a file that is not used, a real river with two files, for trainings and flights that
-        are for levels alone, and for rivers that nothing is trained on."""
-        for condition in self.conditions:
-            for name in condition.files:
-                if name in self.files and condition.river(name) != self.reaches[name]:
-                    raise ValueError(f"river {name}: condition {condition.name} has another file, or other options")
-        used = {*self.grounds, *(name for condition in self.conditions for name in condition.rivers)}
-        if unused := [name for name in self.files if name not in used]:
-            raise ValueError(f"{unused[0]!r} of files is neither trained on nor flown on: leave it out")
-        real = [name for name in self.test_levels if name in self.reaches]
-        unseen = [each.name for each in self.conditions if each.unseen and not each.levels]
-        if real and unseen:
-            raise ValueError(
-                f"condition {unseen[0]}: {real[0]} is a real river, whose seeds change plants and hills, not its"
-                f" course: give the condition levels of its own, such as {{name: {unseen[0]}, unseen: true, levels:"
-                " [Medium]}"
-            )
-        for arm in self.arms:
-            for stage in (*arm.before, arm):
-                ground = self.ground(self.level_of(stage))
-                RiverTraining(ground, self.num_envs, self.seeds_of(arm, stage), self.training_rules)
-
-    def _check_actions(self) -> None:
-        """Raise `ValueError` for rules that do not go together, and for discrete actions where they are continuous."""
-        if self.training_rules.action == "multidiscrete":
-            return
-        if self.packaged:
-            raise ValueError(
-                "the packaged policy has no continuous actions, which the flights take: set packaged: false"
-            )
-        for arm in self.arms:
-            if arm.begin_with is not None and action_of(arm.begin_with.policy) != self.training_rules.action:
-                raise ValueError(
-                    f"arm {arm.label}: the policy {arm.begin_with.given} has no continuous actions, which the flights"
-                    " take: leave begin_with out"
-                )
-        shields = [condition.name for condition in self.conditions if condition.shield]
-        if shields:
-            raise ValueError(f"condition {shields[0]}: the shield judges no continuous actions, which the flights take")
-
-    def _check_views(self) -> None:
-        """Raise `ValueError` for settings of frames where no policy is trained on any, since reports would tell of
-        them, and for a camera whose frames do not fit an encoder."""
-        of_frames = [name for name in self.views.as_data() if name != "action"]
-        if of_frames and self.arms and {arm.observation or self.observation for arm in self.arms} == {PRIVILEGED}:
-            raise ValueError(
-                f"policies see the privileged observation, for which nothing is drawn: leave {' and '.join(of_frames)}"
-                " of the views out"
-            )
-        for arm in self.arms:
-            if (arm.observation or self.observation) == FRAMES:
-                encoder = arm.encoder or self.encoder
-                try:
-                    check_size_fits(self.views.camera, encoder_size(encoder), encoder)
-                except TrainingError as error:
-                    raise ValueError(f"{arm.label}: {error}") from error
-
-    def _check_begun(self, arm: Arm) -> None:
-        """Raise `ValueError` for a policy to begin with that does not fit the training of its arm.
-
-        The one that comes with the package is compared by what it sees alone.
-        """
-        rules, begun, seen = self.training_rules, arm.begin_with, arm.observation or self.observation
-        if begun is None or begun.is_packaged:
-            return
-        encoder = load_compatible_encoder(arm.encoder or self.encoder) if seen == FRAMES else None
-        try:
-            check_policy_fits(begun.policy, encoder, offered=seen, task=rules.task, action=rules.action)
-        except TrainingError as error:
-            raise ValueError(f"suite {self.name}, arm {arm.label}: {begun.given}: {error}") from error
-
-    def _check_saved(self) -> None:
-        """Raise `ValueError` for a policy that was trained before and does not fit the flights."""
-        rules, shielded = self.rules, any(condition.shield for condition in self.conditions)
-        for file in (file for saved in self.policies if isinstance(saved, SavedPolicy) for file in saved.policy):
-            encoder = None if file.encoder is None else load_compatible_encoder(file.encoder)
-            try:
-                check_policy_fits(file.policy, encoder, task=rules.task, action=rules.action, dynamics=rules.dynamics)
-                if shielded and file.observation != PRIVILEGED:
-                    check_masks(file.policy, encoder)
-            except (TrainingError, ResultsError) as error:
-                raise ValueError(f"{file.given}: {error}") from error
-
-    def _check_names(self) -> None:
-        """Raise `ValueError` for names that are too long for the files of the results."""
-        flown = [(run, [trial.level for trial in self.trials(run)]) for run in self.runs()]
-        refuse_long_names(flown, [condition.name for condition in self.conditions])
-
-    def _check_repeated(self) -> None:
-        """Raise `ValueError` for anything that is named twice: its results would count twice.
-
-        Labels and conditions are names of folders, which macOS and Windows do not tell apart by capitals.
-        """
-        labels = [*(each.label for each in (*self.arms, *self.policies)), *self.baselines, PACKAGED]
-        if repeated := _same_folder(labels):
-            raise ValueError(f"{repeated}; give one of them a name of its own")
-        refuse_repeated("level", "test_levels", self.test_levels)
-        if repeated := _same_folder(self.test_levels):
-            raise ValueError(f"test_levels: {repeated}")
-        names = [condition.name for condition in self.conditions]
-        for name in names:
-            if not name:
-                raise ValueError("a condition is called ''; letters, digits, - and . will do")
-        if repeated := _same_folder(names):
-            raise ValueError(f"condition {repeated}")
 
     def runs(self) -> tuple[Run, ...]:
         """Return all runs in order: those without training first."""
@@ -382,6 +210,14 @@ class Suite:
         """Return the seeds of the rivers of a stage of an arm, or of its last stage, the arm itself."""
         return stage.world_seeds or arm.world_seeds or self.world_seeds
 
+    def seen_by(self, arm: Arm) -> Observation:
+        """Return what an arm's policies see."""
+        return arm.observation or self.observation
+
+    def coded_by(self, arm: Arm) -> EncoderName:
+        """Return the name of the encoder of the frames of an arm, if its policies see codes."""
+        return arm.encoder or self.encoder
+
     def observation_of(self, run: Run) -> str | None:
         """Return what a run's policy sees of rivers; None for a baseline."""
         if run.kind == "baseline":
@@ -390,14 +226,14 @@ class Suite:
             return self.function(run.algorithm).observation
         if run.kind == "policy":
             return self.saved(run.algorithm).observation
-        return "frames" if run.kind == "packaged" else self.arm(run.algorithm).observation or self.observation
+        return "frames" if run.kind == "packaged" else self.seen_by(self.arm(run.algorithm))
 
     def encoder_of(self, run: Run) -> EncoderName:
         """Return the name of the encoder of the frames that a run's policy sees, if it sees any."""
+        if run.kind == "train":
+            return self.coded_by(self.arm(run.algorithm))
         own = "default" if run.kind in ("baseline", "packaged") else None
-        own = self.saved(run.algorithm).encoder if run.kind == "policy" else own
-        own = self.arm(run.algorithm).encoder if run.kind == "train" else own
-        return own or self.encoder
+        return (self.saved(run.algorithm).encoder if run.kind == "policy" else own) or self.encoder
 
     def _reaches_as_data(self) -> dict[str, Any]:
         """Return the real rivers in place of levels as plain data, identified by their content, and which of them have
@@ -423,14 +259,3 @@ class Suite:
             | functions
             | {"arms": [arm.as_data() for arm in self.arms], "conditions": conditions}
         )
-
-
-def _same_folder(names: Sequence[str]) -> str:
-    """Return what is wrong with the first name that stands twice, capitals aside; empty if none does."""
-    seen: dict[str, str] = {}
-    for name in names:
-        if (before := seen.setdefault(name.casefold(), name)) != name:
-            return f"{before} and {name} differ in capitals alone"
-        if names.count(name) > 1:
-            return f"{name} is named twice"
-    return ""

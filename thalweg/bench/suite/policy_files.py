@@ -11,10 +11,9 @@ from thalweg.algos.common.errors import AlgorithmError
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.packaged import PACKAGED, PACKAGED_POLICIES, PACKAGED_SEES, policy_path
 from thalweg.core.cache import file_hash
-from thalweg.encoder import PACKAGED as ENCODERS
 from thalweg.encoder import encoder_plugin
 from thalweg.train import load_policy
-from thalweg.train.encoder_of_run import encoder_of, is_taught
+from thalweg.train.encoder_of_run import context_of, encoder_of, is_taught, packaged_name
 from thalweg.train.observations import FRAMES, observation_of
 from thalweg.train.run_in_folder import policy_file
 
@@ -107,18 +106,18 @@ class PolicyFile:
         """
         if self.observation != FRAMES:
             return None
-        file = encoder_of(self.policy)
-        if file is None:
+        digest = context_of(self.policy).get("encoder")
+        if digest is None:
             return DEFAULT
-        if encoder_plugin(str(file)) is not None:
-            return str(file)
-        name = next((name for name, path in ENCODERS.items() if path == file), None)
-        if name is None:
+        if (name := packaged_name(digest)) is not None:
+            return name
+        file = encoder_of(self.policy)
+        if encoder_plugin(str(file)) is None:
             raise ResultsError(
                 f"{self.given} sees the codes of {file}, but suites know only encoders of the package and of plug-ins:"
                 " evaluate it by `thalweg evaluate`"
             )
-        return name
+        return str(file)
 
     def as_data(self) -> dict[str, Any] | str:
         """Return plain data for JSON: its name and content, and whether it was taught; of `packaged` the name alone."""

@@ -12,7 +12,7 @@ import torch
 
 from thalweg.algos.common.state import array_of
 from thalweg.algos.imitation.student import Lesson, Student
-from thalweg.algos.policy.policy import NetworkPlayer
+from thalweg.algos.policy.player import NetworkPlayer
 from thalweg.algos.policy.vision import NO_OPTION, rows_of, write_rows
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.env import RiverVectorEnv

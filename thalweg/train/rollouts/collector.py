@@ -10,7 +10,7 @@ import torch
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from thalweg.algos.interface import Learner, Rollout
-from thalweg.algos.policy.policy import to_tensors
+from thalweg.algos.policy.player import to_tensors
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.train.errors import ResumeWarning, TrainingError
 from thalweg.train.rollouts.env_attributes import env_attribute

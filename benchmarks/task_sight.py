@@ -30,7 +30,10 @@ def sight_facts(studies: Studies, seeing: Studies) -> str:
 def sight_table(studies: Studies, seeing: Studies) -> str:
     """Return each algorithm that was flown both by the ideal eye and through frames, a row for each limit."""
     rows = [
-        [ideal.task, f"{ideal.limit:g}", ideal.algorithm, line_of(ideal), line_of(seen), _change(ideal, seen)]
+        [
+            *(ideal.task, f"{ideal.limit:g}", ideal.algorithm, line_of(ideal), line_of(seen)),
+            f"{seen.return_.value - ideal.return_.value:.2f}",
+        ]
         for ideal, seen in pairs(studies, seeing)
     ]
     columns = ["task", "limit", "algorithm", "ideal eye", "frames", "return, difference"]
@@ -44,10 +47,6 @@ def pairs(studies: Studies, seeing: Studies) -> Iterator[Pair]:
             ideal = studies[task].outcome(FIXED, seen.algorithm, seen.limit)
             if ideal is not None:
                 yield ideal, seen
-
-
-def _change(ideal: Outcome, seen: Outcome) -> str:
-    return f"{seen.return_.value - ideal.return_.value:.2f}"
 
 
 def _eye(studies: Studies, seeing: Studies) -> str:
@@ -64,9 +63,9 @@ def _eye(studies: Studies, seeing: Studies) -> str:
         f" through frames. Through frames the return differs by {statistics.median(changes):.2f} points (the median)."
     )
     if regrets:
-        text += (
-            f" Who holds it there returns {statistics.median(regrets):.2f} points (the median) less than the oracle."
-        )
+        less = statistics.median(regrets)
+        than = "less" if less >= 0 else "more"
+        text += f" Who holds it there returns {abs(less):.2f} points (the median) {than} than the oracle."
     return text
 
 

@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
@@ -166,6 +167,19 @@ def test_training_on_a_task_with_fast_steps_says_what_they_begin_with(
         " are fast at first"
     )
     assert told == ([] if copied is None else [line])
+
+
+@pytest.mark.parametrize(("begun", "taught"), [({"imitation_version": 1}, True), ({"taught": True}, True), ({}, None)])
+def test_what_begins_with_a_taught_policy_is_taught(
+    begun: dict[str, Any], taught: bool | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    given: list[Any] = []
+    monkeypatch.setattr(river, "run", lambda *_, **how: given.append(how["context"].get("taught")))
+    monkeypatch.setattr(RiverTraining, "_envs", lambda *_, **__: SimpleNamespace(close=lambda: None))
+    image_policy("rgb+mask", **begun).save(tmp_path / "first.safetensors")
+    options: dict[str, Any] = {"steps": 64, "seed": 0, "folder": tmp_path / "run", "settings": {"policy": "cnn"}}
+    RiverTraining("Easy", 2).train("PPO", None, begin_with=tmp_path / "first.safetensors", **options)
+    assert given == [taught]
 
 
 def test_training_without_fast_steps_refuses_a_policy_that_has_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -158,6 +159,11 @@ def test_the_rivers_in_memory_are_announced(capsys: pytest.CaptureFixture):
     river.print_once.cache_clear()
     RiverTraining("Easy", 1, range(900, 909), rivers_in_memory=3)._envs(None, "cpu").close()  # pyright: ignore
     assert capsys.readouterr().err == "9 rivers, another one in each episode; 2 of them in memory, 0.0 MB\n"
+
+
+def test_numbers_of_numpy_become_pythons():
+    training = RiverTraining("Easy", np.int64(4), "0:9", rivers_in_memory=np.int64(3))  # pyright: ignore[reportArgumentType]
+    assert [type(each) for each in (training.num_envs, training.rivers_in_memory)] == [int, int]
 
 
 @pytest.mark.parametrize(

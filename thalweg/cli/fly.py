@@ -73,8 +73,9 @@ class Fly(ChosenFlight):
             raise UsageError(
                 f"--host {self.host} would serve on all addresses: name the one under which browsers reach this machine"
             )
-        existing = next(path for path in (self.out, *self.out.absolute().parents) if path.exists())
-        if not existing.is_dir():
+        from thalweg.core.run_folder import nearest_existing
+
+        if not (existing := nearest_existing(self.out)).is_dir():
             raise UsageError(f"--out {self.out}: {existing} is not a folder; name one for saved flights")
 
     def _loaders(self) -> dict[str, Callable[[], Any]]:

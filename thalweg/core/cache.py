@@ -14,7 +14,7 @@ from pathlib import Path
 
 import platformdirs
 
-from thalweg.core.atomic_io import without_temporaries, write_atomic
+from thalweg.core.atomic_io import is_temporary, without_temporaries, write_atomic
 
 PACKAGE = Path(__file__).resolve().parent.parent
 UNUSED_DAYS = 30
@@ -57,7 +57,7 @@ def remove_leftovers(folder: Path) -> None:
     """
     newest = time.time() - TEMPORARY_FILE_AGE_S
     with contextlib.suppress(OSError):
-        for temporary in folder.glob(".*.part*"):
+        for temporary in filter(is_temporary, folder.iterdir()):
             with contextlib.suppress(OSError):
                 if temporary.stat().st_mtime < newest:
                     temporary.unlink(missing_ok=True)

@@ -28,6 +28,11 @@ NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP)
 """Errors of file systems without locks, such as network drives that are mounted without them."""
 
 
+def nearest_existing(path: Path) -> Path:
+    """Return the path, or the nearest of the folders above it that exists."""
+    return next(each for each in (path, *path.absolute().parents) if each.exists())
+
+
 @dataclass(frozen=True)
 class FolderKind:
     """A kind of folder, and the error that is raised for folders of another kind."""
@@ -48,7 +53,7 @@ class FolderKind:
         """
         if (folder / self.record).exists():
             return False
-        existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        existing = nearest_existing(folder)
         if not existing.is_dir():
             raise self.error(f"{existing} is not a folder; give a new folder for the {self.owner}")
         found = without_temporaries(folder.glob("[!.]*" if self.ignores_hidden else "*"))

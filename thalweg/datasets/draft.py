@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from thalweg.core.atomic_io import ON_WINDOWS, disk_errors_name, without_temporaries, write_atomic
+from thalweg.core.atomic_io import ON_WINDOWS, disk_errors_name, is_temporary, without_temporaries, write_atomic
 from thalweg.core.plugins.source import text_hash
 from thalweg.core.run_folder import LOCK, FolderKind, differences
 from thalweg.datasets.errors import DatasetError
@@ -59,7 +59,8 @@ def finished_flights(path: Path) -> list[dict[str, Any]]:
     for file, note in notes:
         flight = note.get(FLIGHT)
         if not isinstance(flight, dict) or text_hash(json.dumps(flight)) != note.get(CONTENT):
-            raise DatasetError(f"{file} is damaged: its hash is not that of its content{_advice_on_damage(file)}")
+            why = "is damaged, or of an earlier version: it lacks the hash of its content"
+            raise DatasetError(f"{file} {why}{_advice_on_damage(file)}")
     return [note[FLIGHT] for _, note in notes]
 
 
@@ -122,7 +123,7 @@ def _begin(folder: Path, about: dict[str, Any]) -> None:
         RECORDING.write_json(folder, about)
     else:
         _require_same(folder, about)
-    for unfinished in folder.rglob(".*.part*"):
+    for unfinished in filter(is_temporary, folder.rglob(".*")):
         unfinished.unlink(missing_ok=True)
 
 

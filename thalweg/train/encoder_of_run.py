@@ -13,19 +13,10 @@ from thalweg.render import Camera
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import ENCODER_FILE, ENCODER_PLUGIN
 
-TAUGHT = "taught"
-"""Key of the context of a policy whose training began with one that learnt from a teacher."""
-
 
 def context_of(policy: Any) -> dict[str, Any]:
     """Return the context in which a policy was trained; empty for one that was not."""
     return getattr(getattr(policy, "about", None), "context", {})
-
-
-def is_taught(policy: Any) -> bool:
-    """Return whether a policy learnt from a teacher that knows the map, or its training began with one that did."""
-    context = context_of(policy)
-    return "imitation_version" in context or bool(context.get(TAUGHT))
 
 
 def file_of_its_own(encoder: Encoder) -> dict[str, Any]:

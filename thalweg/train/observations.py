@@ -29,6 +29,8 @@ IN_WORDS = {FRAMES: "frames through an encoder", PRIVILEGED: "the privileged obs
 FELT = "proprioception_version"
 """Key of a policy's context that says that it takes proprioception (`thalweg.env.task.proprioception`) beside what it
 sees, and of which version."""
+TAUGHT = "taught"
+"""Key of the context of a policy whose training began with one that learnt from a teacher."""
 SEEN_BY_CRITICS = {True: "the privileged state and progress too", False: "what the policy sees"}
 """What critics see in training, by whether they are asymmetric."""
 
@@ -63,6 +65,12 @@ def observation_of(policy: Any) -> str:
 def feels(policy: Any) -> bool:
     """Return whether a policy takes proprioception beside what it sees."""
     return FELT in context_of(policy)
+
+
+def is_taught(policy: Any) -> bool:
+    """Return whether a policy learnt from a teacher that knows the map, or its training began with one that did."""
+    context = context_of(policy)
+    return "imitation_version" in context or bool(context.get(TAUGHT))
 
 
 def task_of(policy: Any) -> str:

@@ -24,7 +24,7 @@ from thalweg.env.rivers.memory import bytes_of, check_all_fit, drawn_bytes
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.tasks import task_plugin
 from thalweg.render import RENDER_VERSION, compilation
-from thalweg.train.encoder_of_run import TAUGHT, check_camera_fits, file_of_its_own, is_taught, tell_other_optics
+from thalweg.train.encoder_of_run import check_camera_fits, file_of_its_own, tell_other_optics
 from thalweg.train.errors import TrainingError
 from thalweg.train.fast_steps import fast_step_in_words, fast_step_of
 from thalweg.train.folder.run_record import RUN_FOLDER, TASK_PLUGIN, read_context
@@ -34,9 +34,11 @@ from thalweg.train.observations import (
     FELT,
     IMAGES,
     PRIVILEGED,
+    TAUGHT,
     check_parts,
     check_policy_fits,
     encoder_hash,
+    is_taught,
     observation_of_run,
     parts_of_codes,
 )
@@ -116,7 +118,10 @@ class RiverTraining:
 
     def __post_init__(self) -> None:
         in_memory = 1 if self.rivers_in_memory is None else self.rivers_in_memory
-        check_numbers(num_envs=(self.num_envs, 1), rivers_in_memory=(in_memory, 1))
+        count, in_memory = check_numbers(num_envs=(self.num_envs, 1), rivers_in_memory=(in_memory, 1))
+        object.__setattr__(self, "num_envs", count)
+        if self.rivers_in_memory is not None:
+            object.__setattr__(self, "rivers_in_memory", in_memory)
         object.__setattr__(self, "world_seeds", parse_seeds(self.world_seeds, "world_seeds", TrainingError))
         if not isinstance(self.river, str | Reach):
             object.__setattr__(self, "river", tuple(self.river))

@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
 
 from thalweg.algos.common.errors import AlgorithmError
-from thalweg.algos.policy.layer_sizes import LayerSize, OptionalLayerSize
+from thalweg.algos.common.setting_types import LayerSize, OptionalLayerSize
 from thalweg.algos.policy.networks import NetworkShape
 from thalweg.algos.policy.vision import Eyes
 from thalweg.core.config import FiniteNonNegative, FinitePositive, Fraction, TupleOf, frozen_config

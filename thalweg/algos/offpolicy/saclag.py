@@ -5,14 +5,15 @@ Discrete actions use exact sums over all joint actions (Christodoulou 2019), con
 
 import math
 from collections.abc import Callable
-from typing import Annotated, Any, Literal, Self
+from typing import Any, Literal, Self
 
 import torch
-from pydantic import Field, model_validator
+from pydantic import model_validator
 from torch import Tensor
 
 from thalweg.algos.common.adam import Adam
 from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.common.setting_types import EntropyPerNumber
 from thalweg.algos.common.state import CPU, array_of, tensor_of
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import joint_actions, losses
@@ -22,9 +23,7 @@ from thalweg.algos.offpolicy.config import OffPolicyConfig
 from thalweg.algos.offpolicy.replay_buffer import Batch
 from thalweg.algos.policy.actions import Actions, actions_of
 from thalweg.algos.policy.distributions import Categoricals, SquashedGaussian
-from thalweg.core.config import FiniteNonNegative, Fraction, Hint, frozen_config
-
-BELOW_LOG_2 = Field(lt=math.log(2.0), allow_inf_nan=False)
+from thalweg.core.config import FiniteNonNegative, Fraction, frozen_config
 
 
 @frozen_config(AlgorithmError)
@@ -41,7 +40,7 @@ class SACLagConfig(OffPolicyConfig):
     """Learning rate of Adam for log α."""
     entropy_share: Fraction = 0.1
     """Target entropy of a discrete policy, as a share of the maximum, log(number of joint actions)."""
-    entropy_per_number: Annotated[float, BELOW_LOG_2, Hint("the entropy of -1..1 is log 2")] = -1.0
+    entropy_per_number: EntropyPerNumber = -1.0
     """Target entropy of a continuous policy in -1..1, in nats per dimension of the action."""
     entropy_in_targets: bool = False
     """Whether targets of the reward contain α times the entropy of later steps, as in the paper, so that the value is

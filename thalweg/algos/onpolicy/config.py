@@ -5,10 +5,10 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
 
 from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.common.setting_types import LayerSize
 from thalweg.algos.constraint.cost_limits import CostConfig, MeanCostConfig, Multiple
 from thalweg.algos.constraint.multiplier import MultiplierConfig
 from thalweg.algos.policy.actions import Adapter
-from thalweg.algos.policy.layer_sizes import LayerSize
 from thalweg.algos.policy.memory import Memory
 from thalweg.algos.policy.mlp import Initial
 from thalweg.algos.policy.mlp_autograd import Activation

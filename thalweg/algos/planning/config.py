@@ -6,10 +6,10 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, model_validator
 
 from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.common.setting_types import LayerSize
 from thalweg.algos.common.value_bounds import check_return_bounds
 from thalweg.algos.constraint.cost_limits import CostConfig
 from thalweg.algos.policy.actions import Adapter
-from thalweg.algos.policy.layer_sizes import LayerSize
 from thalweg.core.config import FiniteNonNegative, FiniteNumber, FinitePositive, Fraction, Hint, TupleOf, frozen_config
 
 Size = Literal["small", "lite", "full"]

@@ -15,6 +15,7 @@ from torch import Tensor, nn
 
 from thalweg.algos.common.adam import Adam
 from thalweg.algos.common.errors import AlgorithmError
+from thalweg.algos.common.setting_types import EntropyPerNumber
 from thalweg.algos.common.state import CPU, array_of, load_module, module_state, tensor_of
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.maths import advantages, losses, planning
@@ -27,14 +28,13 @@ from thalweg.algos.planning.planner import Budget
 from thalweg.algos.planning.policy import METHODS
 from thalweg.algos.planning.soft_actor_critic import soft_actor_critic
 from thalweg.algos.policy.actions import Actions
-from thalweg.core.config import FiniteNonNegative, FinitePositive, Fraction, Hint, frozen_config
+from thalweg.core.config import FiniteNonNegative, FinitePositive, Fraction, frozen_config
 
 SIZES: dict[Size, Sizes] = {
     "small": Sizes(samples=32, particles=1, iterations=3, elites=6, horizon=5, model_hidden=(64, 64)),
     "lite": Sizes(samples=64, particles=1, iterations=4, elites=8, horizon=5, model_hidden=(128, 128)),
     "full": Sizes(samples=100, particles=4, iterations=5, elites=20, horizon=7, model_hidden=(200, 200, 200, 200)),
 }
-BELOW_LOG_2 = Field(lt=math.log(2.0), allow_inf_nan=False)
 
 
 @frozen_config(AlgorithmError)
@@ -65,7 +65,7 @@ class SafeLOOPConfig(PlanningConfig):
     """Factor of α after each gradient step without `auto_alpha`."""
     entropy_share: Fraction = 0.1
     """Target entropy of a discrete actor, as a share of the maximum, log(number of joint actions)."""
-    entropy_per_number: Annotated[float, BELOW_LOG_2, Hint("the entropy of -1..1 is log 2")] = -1.0
+    entropy_per_number: EntropyPerNumber = -1.0
     """Target entropy of a continuous actor in -1..1, in nats per dimension of the action."""
     entropy_in_targets: bool = False
     """Whether targets contain α times the entropy of later decisions, as in the paper; else it counts in the actor's

@@ -13,8 +13,8 @@ from thalweg.bench.packaged import PACKAGED, PACKAGED_POLICIES, PACKAGED_SEES, p
 from thalweg.core.cache import file_hash
 from thalweg.encoder import encoder_plugin
 from thalweg.train import load_policy
-from thalweg.train.encoder_of_run import context_of, encoder_of, is_taught, packaged_name
-from thalweg.train.observations import FRAMES, observation_of
+from thalweg.train.encoder_of_run import context_of, encoder_of, packaged_name
+from thalweg.train.observations import FRAMES, is_taught, observation_of
 from thalweg.train.run_in_folder import policy_file
 
 DEFAULT = "default"
@@ -72,7 +72,7 @@ class PolicyFile:
         return load_policy(self.path)
 
     @property
-    def found(self) -> str:
+    def content_now(self) -> str:
         """Hash of the file as it is now; empty for `packaged`, and where there is none."""
         try:
             return "" if self.is_packaged else file_hash(self.path)
@@ -81,7 +81,7 @@ class PolicyFile:
 
     def unchanged(self) -> "PolicyFile":
         """Return it, if its file still has that content; raises `ResultsError` for another, or none."""
-        if (found := self.found) != self.content:
+        if (found := self.content_now) != self.content:
             raise ResultsError(
                 f"{self.given} has changed since the suite was read: its content was {self.content} and is"
                 f" {found or 'gone'} now. Restore the old file, or choose another folder of results."

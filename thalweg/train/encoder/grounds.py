@@ -82,8 +82,8 @@ class Grounds:
     def check_limit(self, in_memory: int | None) -> None:
         """Raise `EncoderInputError` for a limit of rivers in memory, `in_memory`, where there is none to set, and for
         one below 1."""
-        if in_memory is not None and in_memory < 1:
-            raise EncoderInputError(f"rivers_in_memory must be at least 1, not {in_memory}")
+        if in_memory is not None and (type(in_memory) is not int or in_memory < 1):
+            raise EncoderInputError(f"rivers_in_memory must be a whole number of at least 1, not {in_memory}")
         if self.river is not None and in_memory is not None:
             raise EncoderInputError(
                 f"rivers_in_memory is for levels; all valleys of {self.river.name} are in memory: give fewer seeds"

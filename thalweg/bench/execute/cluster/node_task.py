@@ -101,7 +101,7 @@ def _require_begun(request: RunRequest, node: str) -> None:
     begun = request.suite.arm(request.run.algorithm).begin_with if request.run.kind == "train" else None
     if begun is None:
         return
-    if (found := begun.found) != begun.content:
+    if (found := begun.content_now) != begun.content:
         raise ResultsError(
             f"node {node} of the cluster has another policy {begun.given} (its content: {found or 'no file'} there,"
             f" {begun.content} here); copy the file to every node"

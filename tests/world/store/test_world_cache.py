@@ -182,11 +182,12 @@ def test_only_old_temporary_files_are_removed(worlds):
     mine = worlds / store.GENERATOR_HASH
     mine.mkdir(parents=True)
     now = time.time()
-    for name, days in ((".a.00.part.npz", 2.0), (".b.00.part.npz", 0.5)):
+    old, young = (f".{letter}.{16 * '0'}.part.npz" for letter in "ab")
+    for name, days in ((old, 2.0), (young, 0.5)):
         (mine / name).write_bytes(b"half")
         aged(mine / name, days, now)
     store.remove_stale(worlds, now)
-    assert [path.name for path in mine.iterdir()] == [".b.00.part.npz"]
+    assert [path.name for path in mine.iterdir()] == [young]
 
 
 def test_an_unknown_level_is_refused():

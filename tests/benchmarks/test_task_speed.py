@@ -10,6 +10,7 @@ import pytest
 
 from tests.env.task.priced.flights import rivers
 from thalweg.render import Camera
+from thalweg.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -69,6 +70,37 @@ def test_actions_that_were_chosen_before_fly_the_pilots_flights(script: ModuleTy
         assert np.array_equal(chosen, env.pilot_actions())
         env.step(chosen)
     assert script.rules_speed("Nests", [rivers()["ring"]], actions, 2) > 0
+
+
+def test_random_actions_are_those_that_the_environment_takes(
+    script: ModuleType, monkeypatch: pytest.MonkeyPatch, medium_world: World
+):
+    monkeypatch.setattr(script, "STEPS", 3)
+    for name in ("River", "River with inertia", "River of boats"):
+        actions = script.at_random(name, [medium_world])
+        assert actions.shape == (3, script.BATCH, 4)
+        assert len(np.unique(actions[..., 0])) > 1
+        env = script.made(name, [medium_world])
+        env.reset(seed=0)
+        assert all(env.action_space.contains(each) for each in actions)
+        env.step(actions[0])
+
+
+def test_weather_and_boats_are_what_their_names_say(script: ModuleType):
+    *tasks, wind, inertia, boats, both = script.ENVIRONMENTS.values()
+    assert [config.task for config in tasks] == list(script.TASKS)
+    assert wind.wind is not None and inertia.dynamics == "inertial" and boats.vehicle == both.vehicle == "asv"
+    assert both.wind is not None and both.current_m_per_s is not None and boats.wind is None
+
+
+def test_the_table_has_the_medians_of_processes(script: ModuleType):
+    found = [
+        {"Nests": dict.fromkeys(script.FIGURES, value), "Portage": {"random_steps_per_s": 10 * value}}
+        for value in (5.0, 1.0, 2.0)
+    ]
+    nests, portage = script.rows_of(found, "a core", "0.1")
+    assert nests == ["Nests", "2", "2", *2 * ["2.0", "2.000", "2.000", "2.0"], "a core", "0.1"]
+    assert portage == ["Portage", "20", *9 * [""], "a core", "0.1"]
 
 
 def test_the_page_has_the_committed_table(script: ModuleType):

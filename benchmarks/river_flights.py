@@ -6,13 +6,14 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import numpy as np
+from scipy import stats
 from tables import append
 
 from thalweg.bench.evaluate.baselines import Policy, RecurrentPolicy
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
-from thalweg.bench.results.inference import Estimate, t_interval
+from thalweg.bench.results.inference import CONFIDENCE, Estimate, clip, t_interval, widen, wilson_interval
 from thalweg.core.parent_process import end_with_parent
 from thalweg.encoder import Encoder
 from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
@@ -68,10 +69,28 @@ def figures_of(episodes: Sequence[Episode]) -> dict[str, str]:
 
 
 def mean_return(rows: Sequence[Mapping[str, str]]) -> Estimate:
-    """Return the mean return over seeds, with an interval where there are enough of them."""
+    """Return the mean return over seeds, with an interval where there are enough of them.
+
+    It is at least as wide as that of as many independent flights: equal means of seeds are no evidence of certainty.
+    """
     per_seed = np.array([float(row["return"]) for row in rows])
-    found = t_interval(float(per_seed.mean()), per_seed)
-    return Estimate(found.value, max(found.low, 0.0), min(found.high, FULL_COURSE_REWARD))
+    found = widen(t_interval(float(per_seed.mean()), per_seed), _of_independent_flights(rows))
+    return clip(found, 0.0, FULL_COURSE_REWARD)
+
+
+def _of_independent_flights(rows: Sequence[Mapping[str, str]]) -> Estimate:
+    """Return the mean return with the interval that it has if all flights are independent: Student's t, or Wilson's
+    where all returned the same."""
+    mean, error, count = (
+        np.array([float(row[name]) for row in rows]) for name in ("return", "return_error", "episodes")
+    )
+    flights, overall = count.sum(), np.average(mean, weights=count)
+    squares = (count * (count - 1) * error**2 + count * (mean - overall) ** 2).sum()
+    if squares > 0.0:
+        reach = float(stats.t.ppf(0.5 + CONFIDENCE / 2, flights - 1) * np.sqrt(squares / (flights - 1) / flights))
+        return Estimate(overall, overall - reach, overall + reach)
+    ends = wilson_interval(overall / FULL_COURSE_REWARD, int(flights))
+    return Estimate(overall, *(FULL_COURSE_REWARD * end for end in ends))
 
 
 def fly_cells(

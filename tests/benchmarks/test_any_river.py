@@ -10,6 +10,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from thalweg.bench.evaluate.baselines import BASELINES
@@ -286,3 +287,30 @@ def test_the_aims_of_students_are_met_by_some_of_them(script: ModuleType):
     assert [" ".join(line.split()) for line in table.splitlines()[2:]] == [
         "| unseen | Hard | 9.50 | 9.50 | 2 of 3 | 3% | 3.3% | 2 of 3 |"
     ]
+
+
+def rows_of_seeds(*figures: tuple[float, float, int]) -> list[dict[str, str]]:
+    return [{"return": str(mean), "return_error": str(error), "episodes": str(count)} for mean, error, count in figures]
+
+
+def test_an_interval_over_seeds_is_as_wide_as_that_of_independent_flights(script: ModuleType):
+    scores = [np.random.default_rng(seed).uniform(8.0, 9.0, 50) for seed in range(3)]
+    scores = [each - each.mean() + 8.5 for each in scores]  # equal means of seeds
+    rows = rows_of_seeds(*((each.mean(), each.std(ddof=1) / np.sqrt(50), 50) for each in scores))
+    independent = script.t_interval(8.5, np.concatenate(scores))
+    found = script.mean_return(rows)
+    assert (found.value, found.low, found.high) == pytest.approx((8.5, independent.low, independent.high))
+
+
+def test_an_interval_over_seeds_that_differ_is_student_s(script: ModuleType):
+    found = script.mean_return(rows_of_seeds((5.0, 0.01, 50), (6.0, 0.01, 50), (7.0, 0.01, 50)))
+    assert (found.value, found.low, found.high) == pytest.approx((6.0, 6.0 - 2.4841, 6.0 + 2.4841), abs=1e-3)
+    one = script.mean_return(rows_of_seeds((5.0, 0.1, 50)))
+    assert one.value == 5.0 and np.isnan(one.low)
+
+
+def test_flights_that_all_return_the_same_have_wilson_s_interval(script: ModuleType):
+    found = script.mean_return(rows_of_seeds(*[(10.0, 0.0, 50)] * 3))
+    assert (found.low, found.high) == pytest.approx(
+        (10 * script.wilson_interval(1.0, 150)[0], 10.0)
+    ) and found.low > 9.7

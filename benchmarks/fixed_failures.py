@@ -23,7 +23,6 @@ from same_failures import SOON
 
 from thalweg.algos.imitation.student import ALGORITHM
 from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
-from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.packaged import policy_path
 from thalweg.bench.report.figures import STYLE
 from thalweg.bench.report.table import frame, markdown
@@ -65,12 +64,12 @@ def flights_of(path: Path, level: str) -> list[dict[str, str]]:
     if (seen := (policy.about.algorithm, observation_of(policy))) != (ALGORITHM, SEES):
         raise ResultsError(f"{path} must be a student ({ALGORITHM}) of {SEES}, not {seen[0]} of {seen[1]}")
     key = dict(zip(KEY, key_of(path, level), strict=True))
-    cell, water = Cell(SEES, 0, 0, "fixed", level, EPISODES), water_at_starts(level)
+    water = water_at_starts(level)
     failed = [
         {name: f"{getattr(each, name):.2f}" for name in POINTS}
         | {"start": str(each.episode), "reason": each.reason, "length": str(each.length)}
         | {"water": f"{water[each.episode]:.4f}", "dry_starts": ""}
-        for each in cell.fly(policy)
+        for each in cell_of(level).fly(policy)
         if each.cost > 0
     ]
     flown = dict.fromkeys(COLUMNS[len(KEY) :], "") | {"dry_starts": str((water < DRY).sum())}
@@ -79,8 +78,13 @@ def flights_of(path: Path, level: str) -> list[dict[str, str]]:
 
 def water_at_starts(level: str) -> np.ndarray:
     """Return the share [K] of the first frame of each flight on the fixed river of a level that is water."""
-    course = Course.of_level(level, EvaluationConfig(EPISODES, deterministic=True))
+    (course,) = cell_of(level).courses()
     return (Renderer([course.world]).render_mask(course.starts) > 0).mean(axis=(1, 2))
+
+
+def cell_of(level: str) -> Cell:
+    """Return the flights on the fixed river of a level; whose they are does not matter here."""
+    return Cell(SEES, 0, 0, "fixed", level, EPISODES)
 
 
 def key_of(path: Path, level: str) -> tuple[str, ...]:
@@ -139,7 +143,7 @@ def is_failure(row: Mapping[str, str], student: str, level: str) -> bool:
 
 
 def maps(rows: Rows) -> Figure:
-    """Draw the fixed rivers from above, with the starts of flights that end soon as dots, of one colour for each
+    """Draw the fixed rivers from above, with the starts of flights that end soon as circles, of one colour for each
     student, and the ends of others as crosses."""
     with matplotlib.rc_context(STYLE | {"axes.grid": False}):
         figure = Figure(figsize=(9.0, 3.4))
@@ -181,6 +185,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     if given.write:
         rows = current(read_csv(given.out, COLUMNS))
+        if (found := len(students_of(rows))) > len(ORDINALS):
+            parser.error(f"{given.out} holds {found} students, but the page has room for {len(ORDINALS)}")
         text = table(rows) if rows else "Nothing was measured with today's versions.\n"
         write_atomic(PAGE, replace_section(PAGE.read_text(encoding="utf-8"), SECTION, text))
         if rows:

@@ -7,9 +7,9 @@ Sixteen environments in four rivers of Medium. Rules: steps of which nothing is 
 are short, and by the actions of the scripted pilot, which are chosen before. Frames: views of random starts and of
 flights of that pilot, which flies low and past the objects, drawn by one thread with the objects of the task, which are
 looked up first, and without them, in turns. All times are those of the processor that the process had, so that other
-work does not count; the share that is lost is the median over the turns, and each time the least. Everything is
-measured in several processes, of which the table has the median: on an idle machine, Nests lost 1.5 % in one process,
-4.4 % in another.
+work does not count; the time of a frame is the least of the turns, steps a second and the share that is lost are
+medians over them. Everything is measured in several processes, of which the table has the medians: on an idle machine,
+Nests lost 1.5 % in one process and 4.4 % in another.
 """
 
 import argparse

@@ -46,7 +46,7 @@ def test_the_table_counts_violations_of_each_kind(script: ModuleType):
 def test_water_at_a_start_is_that_of_its_first_frame(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(script, "EPISODES", 3)
     water = script.water_at_starts("Easy")
-    course = script.Course.of_level("Easy", script.EvaluationConfig(3, deterministic=True))
+    (course,) = script.cell_of("Easy").courses()
     frames = script.Renderer([course.world]).render(course.starts, time_s=course.clocks_s)
     assert water.tolist() == [(frame[..., 3] > 0).mean() for frame in frames] and water.max() > 0.05
 
@@ -126,6 +126,18 @@ def test_a_number_of_students_that_the_maps_have_no_colours_for_is_refused(
     with pytest.raises(SystemExit):
         script.main(["packaged"] * number)
     assert f"between one and 3 students are needed, not {number}" in capsys.readouterr().err
+
+
+def test_a_page_of_too_many_students_is_refused(
+    script: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    out = tmp_path / "failures.csv"
+    monkeypatch.setattr(script, "PAGE", tmp_path / "page.md")
+    rows = [rows_of(script)[-1] | {"student": name} for name in "abcd"]
+    script.write_atomic(out, script.csv_text(script.COLUMNS, ([row[name] for name in script.COLUMNS] for row in rows)))
+    with pytest.raises(SystemExit):
+        script.main(["--write", "--out", str(out)])
+    assert "holds 4 students, but the page has room for 3" in capsys.readouterr().err
 
 
 def test_the_page_shows_the_committed_table(script: ModuleType):

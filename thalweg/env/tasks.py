@@ -151,7 +151,6 @@ class TaskPlugin:
 
 
 _RANGES = {"reserve_share": (0.0, 1.0, "from 0 to 1"), "reserve_period_m": (math.ulp(0.0), math.inf, "above 0")}
-"""Least and greatest value of numbers of a task, and both in words; those of others are 0 and infinity."""
 """Least and greatest value of numbers of a task, and the range in words; others are 0 or more."""
 
 

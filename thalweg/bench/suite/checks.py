@@ -8,16 +8,10 @@ from thalweg.algos.constraint.cost_limits import check_cost_episodes
 from thalweg.algos.registry import algorithm_named, algorithm_names
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
-from thalweg.bench.evaluate.rivers import (
-    check_files,
-    refuse_unknown_levels,
-)
+from thalweg.bench.evaluate.rivers import check_files, refuse_unknown_levels
 from thalweg.bench.evaluate.shielded import check_masks
 from thalweg.bench.packaged import PACKAGED
-from thalweg.bench.suite.arms import (
-    Arm,
-    refuse_repeated,
-)
+from thalweg.bench.suite.arms import Arm, refuse_repeated
 from thalweg.bench.suite.flown import SavedPolicy
 from thalweg.bench.suite.names import refuse_long_names
 from thalweg.core.config import refuse_unknown

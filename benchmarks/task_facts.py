@@ -8,6 +8,7 @@ from itertools import pairwise
 from findings import share_at_bound
 from page_sections import wrap
 from task_outcomes import LIMITLESS, Outcome, Study, held, mean_text, oracle_text
+from task_risk import tail_fact, training_fact
 
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.fronts.fronts import FIXED, UNSEEN
@@ -24,7 +25,7 @@ def facts(studies: Studies) -> str:
         return "Nothing has been run yet.\n"
     every: tuple[Callable[[Studies], str], ...] = (
         *(_who_holds, _price, _without_limit, _rising, _elsewhere, _nobody),
-        _at_bound,
+        *(_at_bound, tail_fact, training_fact),
     )
     return "".join(wrap(f"{number}. {fact(run)}") for number, fact in enumerate(every, start=1))
 

@@ -10,7 +10,6 @@ unseen ones, with the oracle's front of the same rivers beside them.
 """
 
 import argparse
-import math
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -20,13 +19,13 @@ from page_sections import replace_section, wrap
 from study_flights import earlier_versions
 from task_facts import Studies, facts
 from task_findings_picture import drawn_fronts
-from task_outcomes import LIMITLESS, Outcome, Study, held, mean_text, oracle_text, study_of
+from task_outcomes import LIMITLESS, Outcome, Study, held, mean_text, oracle_text, spread, study_of
+from task_risk import area_section, drawn_training, tail_section, training_section
 from task_sight import sight_facts, sight_table
 
 from thalweg.bench.fronts.fronts import FIXED, UNSEEN
 from thalweg.bench.report.policies import limit_met
 from thalweg.bench.report.table import frame, markdown
-from thalweg.bench.results.inference import Estimate
 from thalweg.bench.suite.config import Suite
 from thalweg.bench.suite.priced import LIMITS, seeing_suite_of, suite_of
 from thalweg.core.atomic_io import write_atomic
@@ -36,6 +35,7 @@ HERE = Path(__file__).resolve().parent
 PAGE = HERE.parent / "docs" / "task-findings.md"
 PICTURE = HERE.parent / "docs" / "images" / "task-findings.png"
 FRAMES_PICTURE = PICTURE.with_name("task-findings-frames.png")
+TRAINING_PICTURE = PICTURE.with_name("task-training.png")
 RIVERS = {FIXED: "the fixed river", UNSEEN: "unseen rivers"}
 NOT_RUN = "No run of this suite is finished yet.\n"
 
@@ -49,13 +49,6 @@ def read_studies(folder: Path = HERE, suite_of: Callable[[TaskName], Suite] = su
         path = folder / suite.name
         found[task] = study_of(suite, results_of(path) if path.is_dir() else None)
     return found
-
-
-def spread(estimate: Estimate) -> str:
-    """Return a mean and how far its interval reaches, on the side where no bound cuts it; without one the mean."""
-    text = mean_text(estimate.value)
-    reach = max(estimate.high - estimate.value, estimate.value - estimate.low)
-    return text if math.isnan(reach) else f"{text} ± {mean_text(reach)}"
 
 
 def outcome_text(outcome: Outcome) -> str:
@@ -160,9 +153,15 @@ def written_page(page: str, studies: Studies, seeing: Studies) -> str:
         ("versions", versions_note(studies)),
         ("facts", facts(studies)),
         ("holders", holders_table(studies)),
+        ("area", area_section(studies)),
+        ("tail", tail_section(studies)),
+        ("training", training_section(studies)),
         *((task, task_section(study)) for task, study in studies.items()),
         ("frames facts", sight_facts(studies, seeing)),
         ("frames holders", holders_table(seeing)),
+        ("frames area", area_section(seeing)),
+        ("frames tail", tail_section(seeing)),
+        ("frames training", training_section(seeing)),
         ("eyes", sight_table(studies, seeing)),
         ("frames picture", frames_picture(seeing)),
         ("frames", frames_section(seeing)),
@@ -186,6 +185,7 @@ def main() -> int:
         return int(new != old)
     write_atomic(PAGE, new)
     write_atomic(PICTURE, drawn_fronts(studies))
+    write_atomic(TRAINING_PICTURE, drawn_training(studies))
     if any(study.outcomes for study in seeing.values()):
         write_atomic(FRAMES_PICTURE, drawn_fronts(seeing))
     return 0

@@ -29,7 +29,7 @@ def drawn_fronts(studies: Mapping[str, Study]) -> bytes:
     """Return a PNG with a panel for each task: fixed river of the training level, cost from 0 to the tightest limit on
     a linear axis and from there on a logarithmic one."""
     with rc_context(STYLE):
-        return _with_palette(png(figure_of(studies)))
+        return with_palette(png(figure_of(studies)))
 
 
 def figure_of(studies: Mapping[str, Study]) -> Figure:
@@ -43,7 +43,7 @@ def figure_of(studies: Mapping[str, Study]) -> Figure:
     return figure
 
 
-def _with_palette(picture: bytes) -> bytes:
+def with_palette(picture: bytes) -> bytes:
     """Return a PNG with a palette, which is a third of its size."""
     written = io.BytesIO()
     Image.open(io.BytesIO(picture)).convert("RGB").quantize(COLOURS_KEPT).save(written, "PNG", optimize=True)

@@ -5,6 +5,7 @@ Figures are those of reports, which show each policy beside its own limit on the
 unseen rivers beside the front of unseen rivers.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.fronts.fronts import FIXED, UNSEEN, front_of, packaged_points
 from thalweg.bench.report.policies import evaluated_seeds
-from thalweg.bench.report.price_tables import by_seed, mean_cost, mean_return, share_above, task_cost
+from thalweg.bench.report.price_tables import by_seed, mean_cost, mean_return, share_above, task_cost, worst_tenth
 from thalweg.bench.results.front import Front
 from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.results import Results
@@ -51,6 +52,8 @@ class Outcome:
     """Share of the flights that cost more than the limit."""
     regret: Estimate
     """How much more the oracle returns at the same cost."""
+    tail: Estimate
+    """Mean cost of the worst tenth of the flights."""
 
     @property
     def holds(self) -> bool:
@@ -109,16 +112,19 @@ class Study:
 
     def gap(self, algorithm: str, limit: float) -> str:
         """Return the reason why an algorithm has no outcome beside a limit, such as `missing`."""
-        name = self.arms.get((algorithm, None)) or self.arms.get((algorithm, limit), "")
-        return "missing" if self.results is None else self.results.gap(name)
+        return "missing" if self.results is None else self.results.gap(self.name_of(algorithm, limit))
 
     def runs_of(self, outcome: Outcome) -> list[Path]:
         """Return the folders of the runs of an outcome, as far as their settings and metrics are there."""
         if self.results is None:
             return []
-        name = self.arms[outcome.algorithm, None if outcome.algorithm in LIMITLESS else outcome.limit]
+        name = self.name_of(outcome.algorithm, outcome.limit)
         folders = (self.results.folder / "runs" / row.run for row in self.results.runs if row.algorithm == name)
         return [path for path in folders if (path / "config.yaml").is_file() and (path / "metrics.csv").is_file()]
+
+    def name_of(self, algorithm: str, limit: float) -> str:
+        """Return the name of the policy of an algorithm beside a limit; empty where the suite has none."""
+        return self.arms.get((algorithm, None)) or self.arms.get((algorithm, limit), "")
 
     def seeds_done(self, algorithm: str) -> int:
         """Return how many runs of an algorithm were flown, at all limits together."""
@@ -200,6 +206,7 @@ def outcome_of(key: tuple[str, str, float, str], episodes: Sequence[Episode], fr
         task_cost(episodes),
         share_above(episodes, limit),
         by_seed(episodes, lambda rows: front.regret(mean_cost(rows), mean_return(rows))),
+        worst_tenth(episodes),
     )
 
 
@@ -211,6 +218,13 @@ def held(study: Study, rivers: str, limit: float) -> list[Outcome]:
 def mean_text(value: float) -> str:
     """Return a mean with as many decimal places as its size needs."""
     return f"{value:.2f}" if abs(value) < 10 else f"{value:.1f}" if abs(value) < 100 else f"{value:.0f}"
+
+
+def spread(estimate: Estimate) -> str:
+    """Return a mean and how far its interval reaches, on the side where no bound cuts it; without one the mean."""
+    text = mean_text(estimate.value)
+    reach = max(estimate.high - estimate.value, estimate.value - estimate.low)
+    return text if math.isnan(reach) else f"{text} ± {mean_text(reach)}"
 
 
 def oracle_text(study: Study, rivers: str, limit: float) -> str:

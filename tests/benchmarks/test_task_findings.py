@@ -23,7 +23,8 @@ from thalweg.bench.suite.config import Suite
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SCRIPTS = (
-    "task_findings", "task_facts", "task_findings_picture", "task_outcomes", "task_sight", "findings", "study_flights",
+    "task_findings", "task_facts", "task_findings_picture", "task_outcomes", "task_risk", "task_sight", "findings",
+    "study_flights",
 )  # fmt: skip
 SAFE = FrontPoint("Nests", "Medium", "fixed", 10.0, 50, 6.0, 5.9, 6.1, 0.0, 0.0, 0.0, 1)
 FAST = replace(SAFE, price=0.0, return_=10.0, cost=40.0)
@@ -129,7 +130,7 @@ def test_holders_are_ordered_by_return_and_those_beyond_have_their_cost(script: 
 
 def test_facts_are_counted_over_all_policies_with_a_limit(script: ModuleType, study: Any):
     lines = script.facts({"Nests": study}).replace("\n", " ").split("**")[2::2]
-    holds, price, limitless, rising, unseen, nobody, _ = (line.strip() for line in lines)
+    holds, price, limitless, rising, unseen, nobody, *_ = (line.strip() for line in lines)
     assert holds.startswith("3 of 4 mean costs are within the limit, 1 of them with the whole interval: P3O 1 of 1,")
     # Regrets are 0.80, 9 - 7.5 = 1.50, and 4.00.
     assert "0.80 (FOCOPS, Nests at 8.2) to 4.00 points (P3O, Nests at 65)" in price and "median of 1.50" in price
@@ -166,7 +167,7 @@ def test_updates_at_the_bound_of_the_multiplier_are_told_by_whether_the_limit_is
         "in 100% of the updates of runs whose policies do not hold it (1), and in 25% of the updates of runs whose"
         in told
     )
-    assert told.rstrip().endswith("policies hold it (2); these are FOCOPS.")
+    assert "policies hold it (2); these are FOCOPS." in told
 
 
 def test_a_task_that_was_not_run_says_so(script: ModuleType, outcomes: ModuleType):
@@ -277,12 +278,12 @@ def test_frames_are_told_beside_the_ideal_eye(script: ModuleType, study: Any, se
     assert told["Without a limit"].startswith("PPO costs 1.3 times the middle limit of Nests")
     assert "nobody was run at all three limits" in told["Whether a greater limit is used"]
     # At a cost of 15 the oracle returns 7.5.
-    assert told["The eye."].removesuffix(" 9.") == (
+    assert told["The eye."].removesuffix(" 11.") == (
         "Of 1 pair of an algorithm and a limit, 0 hold the limit by the ideal eye and 1 through frames. Through frames"
         " the return differs by -1.50 points (the median). Who holds it there returns 2.50 points (the median) less"
         " than the oracle."
     )
-    assert told["Convolutions of its own."].removesuffix(" 10.") == (
+    assert told["Convolutions of its own."].removesuffix(" 12.") == (
         "P3O-cnn (Nests at 23) returns 3.00 at a cost of 10.0, on codes 4.00 at a cost of 40.0, above the limit."
     )
     assert told["From the imitated policy."] == (

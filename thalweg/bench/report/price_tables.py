@@ -9,6 +9,7 @@ import json
 import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -81,6 +82,11 @@ def share_above(episodes: Sequence[Episode], limit: float) -> Proportion:
     return proportion(episodes, lambda row: row.cost > limit)
 
 
+def worst_tenth(episodes: Sequence[Episode]) -> Estimate:
+    """Return the mean cost of the worst tenth of episodes, with an interval over seeds."""
+    return clip(by_seed(episodes, lambda rows: conditional_value_at_risk(costs_of(rows))), 0.0, math.inf)
+
+
 def mean_cost(episodes: Sequence[Episode]) -> float:
     """Return the mean cost of episodes."""
     return float(costs_of(episodes).mean())
@@ -116,24 +122,41 @@ def _price_row(results: Results, name: str, episodes: Sequence[Episode], front: 
     regret: Cell = "unknown"
     if front is not None:
         regret = by_seed(episodes, lambda rows: front.regret(mean_cost(rows), mean_return(rows)))
-    tail = clip(by_seed(episodes, lambda rows: conditional_value_at_risk(costs_of(rows))), 0.0, math.inf)
     seeds = evaluated_seeds(results, name, episodes)
-    return [name, seeds, *about_limit, tail, mean_estimate(episodes, "return_"), regret]
+    return [name, seeds, *about_limit, worst_tenth(episodes), mean_estimate(episodes, "return_"), regret]
 
 
-def area_table(results: Results) -> Table:
+@dataclass(frozen=True)
+class CoveredArea:
+    """The area of cost and return that the policies of one algorithm cover, which differ by their limits alone."""
+
+    name: str
+    """The algorithm, or the names of the arms where it has several such groups."""
+    limits: int
+    seeds: int
+    share: Estimate
+    """Of the oracle's area."""
+
+
+def covered_areas(results: Results) -> list[CoveredArea]:
     """Return for each algorithm that was trained with several limits, and otherwise alike, the area of cost and return
-    that its policies cover, in shares of the oracle's."""
+    that its policies cover; none where there is no front of the oracle."""
     points = oracle_points(results)
-    rows: list[list[Cell]] = []
+    found = []
     for name, policies in _with_several_limits(results) if points else ():
         front = front_of(points)
         reference = float(front.cost[-1])
         seeds = sorted(set.intersection(*({row.seed for row in rows} for rows in policies)))
         areas = [_area(policies, seed, reference) / front.hypervolume(reference) for seed in seeds]
         if areas:
-            estimate = t_interval(float(np.mean(areas)), np.array(areas))
-            rows.append([name, str(len(policies)), str(len(seeds)), estimate])
+            share = t_interval(float(np.mean(areas)), np.array(areas))
+            found.append(CoveredArea(name, len(policies), len(seeds), share))
+    return found
+
+
+def area_table(results: Results) -> Table:
+    """Return the area that each algorithm covers, see `covered_areas`, in shares of the oracle's."""
+    rows = [[each.name, str(each.limits), str(each.seeds), each.share] for each in covered_areas(results)]
     return table_from_cells(AREA_COLUMNS, rows)
 
 

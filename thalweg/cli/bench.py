@@ -187,7 +187,7 @@ def executor_for(jobs: int | None, cluster: str | None, cpus: int | None) -> "Ex
     from thalweg.bench.csv_files import ResultsError
     from thalweg.bench.execute.cluster.ray_executor import RayExecutor
     from thalweg.bench.execute.executors import ProcessPoolExecutor, SerialExecutor
-    from thalweg.core.machine import usable_cores
+    from thalweg.core.cores import usable_cores
 
     if cluster is not None:
         return RayExecutor(cluster, jobs, 1 if cpus is None else cpus)

@@ -1,10 +1,12 @@
 """Tests of the thread pool: every job runs once, errors are raised, and other threads and processes are left alone."""
 
 import multiprocessing
+import os
 import subprocess
 import sys
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium
@@ -12,11 +14,36 @@ import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv
 
+from thalweg.core.compute import threads
 from thalweg.core.compute.kernel_compiler import config
 from thalweg.core.compute.threads import get_num_threads, run_in_threads, set_num_threads, shrinking_edges
 from thalweg.env import EnvConfig
 from thalweg.env.env import RiverEnv
 from thalweg.world import World
+
+
+@pytest.mark.parametrize(("variable", "cores", "expected"), [(None, 3, 3), ("", 3, 3), (None, 100, 64), ("64", 3, 64)])
+def test_a_container_limits_the_threads_unless_a_number_was_asked_for(
+    variable: str | None, cores: int, expected: int, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    if variable is not None:
+        monkeypatch.setenv("NUMBA_NUM_THREADS", variable)
+    monkeypatch.setattr(threads, "config", SimpleNamespace(NUMBA_NUM_THREADS=64))
+    monkeypatch.setattr(threads, "usable_cores", lambda: cores)
+    assert threads.default_threads() == expected
+
+
+def test_pytorch_too_starts_no_more_threads_than_a_container_allows():
+    code = (
+        "import torch; torch.set_num_threads(64)\n"
+        "from thalweg.core import cores; cores.usable_cores = lambda: 3\n"
+        "from thalweg.core.compute.torch_threads import default_torch_threads\n"
+        "print(default_torch_threads())"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
+    found = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "3"
 
 
 @pytest.fixture(params=[1, 2])

@@ -29,7 +29,7 @@ from thalweg.bench.suite.arms import Run
 from thalweg.bench.suite.config import Suite
 from thalweg.core import versions
 from thalweg.core.atomic_io import disk_errors_name, is_disk_error, write_atomic
-from thalweg.core.machine import usable_cores
+from thalweg.core.cores import usable_cores
 from thalweg.core.parent_process import end_with_parent
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import POLICY, read_status

@@ -11,13 +11,22 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 from thalweg.core.compute.kernel_compiler import config
+from thalweg.core.cores import usable_cores
 
 _pool: ThreadPoolExecutor | None = None
-_threads = int(config.NUMBA_NUM_THREADS)
+
+
+def default_threads() -> int:
+    """Return `NUMBA_NUM_THREADS` if the environment has it, else the number of cores this process may use."""
+    most = int(config.NUMBA_NUM_THREADS)
+    return most if os.environ.get("NUMBA_NUM_THREADS") else min(most, usable_cores())
+
+
+_threads = default_threads()
 
 
 def get_num_threads() -> int:
-    """Return the number of threads that kernels use; all cores, or `NUMBA_NUM_THREADS`, unless it was set."""
+    """Return the number of threads that kernels use: `default_threads()`, unless another was set."""
     return _threads
 
 

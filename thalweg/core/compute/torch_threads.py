@@ -11,9 +11,11 @@ from contextlib import contextmanager
 import torch
 
 from thalweg.core.compute.threads import run_in_threads
+from thalweg.core.cores import usable_cores
 
-INITIAL_THREADS = torch.get_num_threads()
-"""The number PyTorch chose on import."""
+INITIAL_THREADS = min(torch.get_num_threads(), usable_cores())
+"""The number PyTorch chose on import, which does not know the limits of containers, or that of the cores this process
+may use, if smaller."""
 
 
 @contextmanager
@@ -28,7 +30,7 @@ def torch_threads(count: int) -> Iterator[None]:
 
 
 def default_torch_threads() -> int:
-    """Return `OMP_NUM_THREADS` if it is set to a positive number, else the number PyTorch chose on import."""
+    """Return `OMP_NUM_THREADS` if it is set to a positive number, else `INITIAL_THREADS`."""
     value = os.environ.get("OMP_NUM_THREADS", "")
     return int(value) if value.isdigit() and int(value) > 0 else INITIAL_THREADS
 

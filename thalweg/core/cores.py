@@ -1,0 +1,49 @@
+"""The number of cores that this process may use, which a container may limit."""
+
+import math
+import os
+from pathlib import Path
+
+GROUPS = Path("/sys/fs/cgroup")
+"""Folder of the Linux control groups, by which containers limit the time of processors."""
+PROC = Path("/proc")
+
+
+def usable_cores() -> int:
+    """Return the number of cores this process may use, rounded up where a container limits their time."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    limit = container_cores(PROC, GROUPS)
+    return cores if limit is None else max(min(cores, math.ceil(limit)), 1)
+
+
+def container_cores(proc: Path, groups: Path) -> float | None:
+    """Return the smallest limit of the control groups of this process, in cores; None without a limit.
+
+    `cpu.max` of version 2 has the time and the period, or `max`; version 1 has a file for each, and a time of -1.
+    """
+    try:
+        lines = (proc / "self" / "cgroup").read_text().splitlines()
+    except OSError:
+        return None
+    limits = []
+    for _, controllers, group in (line.split(":", 2) for line in lines if line.count(":") >= 2):
+        if controllers and "cpu" not in controllers.split(","):
+            continue
+        root = groups / controllers
+        innermost = root / group.strip("/")
+        for folder in (innermost, *innermost.parents):
+            limits.append(_limit_of_group(folder))
+            if folder == root:
+                break
+    return min((limit for limit in limits if limit is not None), default=None)
+
+
+def _limit_of_group(folder: Path) -> float | None:
+    """Return the cores of a control group, None for one without a limit."""
+    for names in (("cpu.max",), ("cpu.cfs_quota_us", "cpu.cfs_period_us")):
+        try:
+            time_us, period_us = " ".join((folder / name).read_text() for name in names).split()
+            return int(time_us) / int(period_us) if time_us not in ("max", "-1") else None
+        except (OSError, ValueError, ZeroDivisionError):
+            pass
+    return None

@@ -6,12 +6,16 @@ out.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import any_river
 import numpy as np
+from any_river_aims import MASKED
 from findings import GEOMETRY, STUDY, results_of
 from headline import Headline
+from river_flights import mean_return
 from scipy import stats
 from study_flights import (
     FLIES,
@@ -33,6 +37,7 @@ from task_findings import read_studies
 from task_outcomes import LIMITLESS
 
 from thalweg.algos.registry import ALGORITHMS
+from thalweg.bench.csv_files import read_csv
 from thalweg.bench.fronts.fronts import FIXED
 from thalweg.bench.report.comparison_tables import return_change
 from thalweg.bench.report.policies import COST_LIMIT, limit_met, train_level
@@ -203,8 +208,27 @@ def price(folder: Path = HERE) -> Headline | None:
     )  # fmt: skip
 
 
-def elsewhere(results: Results) -> Headline | None:
-    """Return what policies that fly lose on unseen rivers and under unseen looks; None where none was flown there."""
+@dataclass(frozen=True)
+class Student:
+    """Mean returns of imitated students on the training level of the study, without those that were not flown."""
+
+    fixed: Estimate | None
+    """On the level's one river, on which no student was trained."""
+    unseen: Estimate | None
+    varied: Estimate | None
+    """On unseen rivers under varied looks."""
+
+
+def student(level: str, table: Path = any_river.TABLE) -> Student:
+    """Return what students of image and mask return on a level, from the table of `any_river.py`."""
+    rows = read_csv(table, any_river.COLUMNS) if table.is_file() else []
+    cells = [any_river.cells_of(rows, MASKED, kind, level) for kind in ("fixed", "unseen", "varied")]
+    return Student(*(mean_return(found) if found else None for found in cells))
+
+
+def elsewhere(results: Results, beside: Student | None = None) -> Headline | None:
+    """Return what policies that fly lose on unseen rivers and under unseen looks, and what imitated students return
+    there; None where no policy that flies was flown there."""
     names = [
         name
         for name in algorithms(results)
@@ -218,15 +242,32 @@ def elsewhere(results: Results) -> Headline | None:
     sentence = (
         f"On unseen rivers of {train_level(results)} the return of algorithms that fly changes by: {listed(changes)}"
         + (f"; under every look at once, on the river of training, by: {listed(looks)}." if looks else ".")
+        + _student_in_words(beside)
     )
     series = {
         words: tuple(returned(results, name, condition) for name in names)
         for words, condition in (
-            ("river of training", ""), ("unseen rivers", "unseen"), ("every look at once", "all_at_once"),
+            ("fixed river", ""), ("unseen rivers", "unseen"), ("every look at once", "all_at_once"),
         )
     }  # fmt: skip
+    if beside is not None and beside.unseen is not None:
+        own = (beside.fixed, beside.unseen, beside.varied)
+        names = [*names, "imitated student"]
+        series = {words: (*values, value) for (words, values), value in zip(series.items(), own, strict=True)}
     return Headline(
         "elsewhere", "Other rivers and looks", sentence, tuple(names), series, f"mean return on {train_level(results)}"
+    )
+
+
+def _student_in_words(beside: Student | None) -> str:
+    """Return a sentence on imitated students; empty where none was flown on unseen rivers."""
+    if beside is None or beside.unseen is None:
+        return ""
+    fixed = "" if beside.fixed is None else f" {beside.fixed} on that river, new to it, and"
+    looks = "" if beside.varied is None else f", and {beside.varied} there under varied looks"
+    return (
+        f" A [student](imitation.md) that imitates a pilot with the map, and sees the image and a water mask,"
+        f" returns{fixed} {beside.unseen} on unseen ones{looks}."
     )
 
 
@@ -252,6 +293,6 @@ def headlines(folder: Path = HERE) -> tuple[Headline, ...]:
         lambda: eye(study, geometry),
         lambda: limit(study),
         lambda: price(folder),
-        lambda: elsewhere(study),
+        lambda: elsewhere(study, student(train_level(study), folder / any_river.TABLE.name)),
     )
     return tuple(found for make in every if (found := make()) is not None)

@@ -172,6 +172,44 @@ def test_losses_are_paired_by_start_or_by_seed(script: ModuleType):
     assert (change.value, round(change.high - change.value, 2)) == (-2.0, 2.48)
 
 
+def test_imitated_students_stand_beside_those_that_learnt_by_reward(script: ModuleType):
+    beside = script.Student(Estimate(9.7, 9.6, 9.8), Estimate(9.6, 9.5, 9.7), Estimate(9.5, 9.4, 9.6))
+    found = script.elsewhere(study(), beside)
+    assert found.labels == ("PPO", "CCEPETS", "imitated student")
+    assert [values[-1] for values in found.series.values()] == [beside.fixed, beside.unseen, beside.varied]
+    assert found.sentence.endswith(
+        "returns 9.70 [9.60, 9.80] on that river, new to it, and 9.60 [9.50, 9.70] on unseen ones, and 9.50"
+        " [9.40, 9.60] there under varied looks."
+    )
+    for lacking in (script.Student(beside.fixed, None, None), None):
+        assert script.elsewhere(study(), lacking) == script.elsewhere(study())
+
+
+def test_students_are_those_of_image_and_mask_of_today(script: ModuleType, tmp_path: Path):
+    import any_river
+
+    columns = any_river.COLUMNS
+    today = {name: str(version) for name, version in any_river.VERSIONS.items()}
+
+    def row(policy: str, kind: str, seed: int, returned: str, **changed: str) -> str:
+        known = {"policy": policy, "kind": kind, "level": "Medium", "seed": str(seed), "steps": "9", "episodes": "4"}
+        every = known | today | {"return": returned, "return_error": "0.1", "violations": "0"} | changed
+        return ",".join(every.get(name, "0") for name in columns)
+
+    lines = [
+        *(row("rgb+mask", "unseen", seed, value) for seed, value in enumerate(("9.0", "9.3", "9.6"))),
+        row("rgb+mask", "varied", 0, "8.0"),
+        row("rgb+mask", "fixed", 0, "5.0", imitation="1"),
+        row("rgb", "fixed", 0, "4.0"),
+    ]
+    table = tmp_path / "any_river.csv"
+    table.write_text("\n".join([",".join(columns), *lines]) + "\n")
+    found = script.student("Medium", table)
+    assert (round(found.unseen.value, 9), found.varied.value, found.fixed) == (9.3, 8.0, None)
+    assert script.student("Hard", table).unseen is None
+    assert script.student("Medium", tmp_path / "none.csv") == script.Student(None, None, None)
+
+
 def test_a_loss_on_unseen_rivers_is_no_more_certain_than_the_rivers_are_many(script: ModuleType):
     """Seeds that agree: 8 on the one river, and 0 or 8 on four others: 4 less, ± 3.182 * √(16 * 4 / 3 / 4)."""
     rows = [row for row in study().episodes if row.algorithm == "PPO"][:2]

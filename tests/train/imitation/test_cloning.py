@@ -205,6 +205,16 @@ def test_too_few_steps_and_predictions_are_refused(tmp_path: Path):
         Cloning(tmp_path / "run", [tmp_path], steps=10).run()
 
 
+def test_numbers_of_numpy_make_the_same_run(tmp_path: Path):
+    folder = recorded(tmp_path / "recording", flight(16))
+    whole = Cloning(tmp_path / "run", [folder], steps=16, sequences=4, settings=SMALL, threads=1)
+    whole.run()
+    numbers = {name: np.int64(getattr(whole, name)) for name in ("steps", "sequences", "threads", "seed")}
+    assert replace(whole, **numbers).run().already_finished
+    with pytest.raises(TrainingError, match="sequences must be at least 1, got 0"):
+        replace(whole, sequences=0).run()
+
+
 def test_the_command_refuses_options_of_flights(tmp_path: Path, capsys: pytest.CaptureFixture):
     options = ["--recordings", str(tmp_path), "--out", str(tmp_path / "run")]
     assert main(["imitate", *options, "--levels", "Easy"]) == 2

@@ -357,10 +357,20 @@ def test_the_chosen_teacher_is_flown_through_the_gate_and_learnt_from(
     assert set(asked) == {("gate", teacher), ("lesson", teacher)}
 
 
+def test_numbers_of_numpy_make_the_same_run(tmp_path: Path):
+    imitation(tmp_path / "run", steps=8).run()
+    numbers = {name: np.int64(getattr(imitation(tmp_path), name)) for name in ("seed", "num_envs", "threads")}
+    assert (
+        imitation(tmp_path / "run", steps=np.int64(8), rivers_in_memory=np.int64(1), **numbers).run().already_finished
+    )
+
+
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
         ({"steps": 0}, TrainingError, "steps must be at least 1, got 0"),
+        ({"seed": 1.5}, TrainingError, "seed must be a whole number, got 1.5"),
+        ({"rivers_in_memory": 0}, TrainingError, "rivers_in_memory must be at least 1, got 0"),
         ({"num_envs": 0}, TrainingError, "num_envs must be at least 1, got 0"),
         ({"threads": 0}, TrainingError, "threads must be at least 1, got 0"),
         ({"levels": ()}, TrainingError, "at least one, each once, not none"),

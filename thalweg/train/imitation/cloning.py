@@ -6,7 +6,7 @@ equally bad. What only the simulator knows is not recorded, so that the student 
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -80,12 +80,21 @@ class Cloning:
         Raises `ConfigError`, `TrainingError` and `DatasetError` for arguments that are wrong, and for recordings that
         do not fit, and `AlgorithmError` for a policy of another kind to begin with, before anything is learnt.
         """
+        return self._with_whole_numbers()._run(progress)
+
+    def _with_whole_numbers(self) -> "Cloning":
+        """Return the same with Python's integers, which files can hold; raises `TrainingError` for other numbers."""
+        numbers = {"steps": (self.steps, 1), "sequences": (self.sequences, 1), "seed": (self.seed, 0)}
+        if self.threads is not None:
+            numbers["threads"] = (self.threads, 1)
+        return replace(self, **dict(zip(numbers, check_numbers(**numbers), strict=True)))
+
+    def _run(self, progress: bool) -> RunResult:
         settings = {"auxiliary_weight": 0.0, **(self.settings or {})}
         config = parse_config(ImitationConfig, settings, "settings")
         if config.auxiliary_weight:
             raise TrainingError("auxiliary_weight must be 0 with recordings, which do not tell what is predicted")
         threads = default_torch_threads() if self.threads is None else self.threads
-        check_numbers(steps=(self.steps, 1), num_envs=(self.sequences, 1), threads=(threads, 1), seed=(self.seed, 0))
         if not self.recordings:
             raise TrainingError("recordings must be at least one folder, such as recordings/steady")
         device = torch.device(resolve_device(self.device))

@@ -1,7 +1,7 @@
 """`Imitation`: DAgger of a teacher that knows the map into a policy that sees frames, on many rivers."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +80,17 @@ class Imitation:
         folder of another run or a file of a river that has changed, for a policy of another kind to begin with, for
         rivers that do not fit into the memory, and for a teacher that fails its gate, before anything is learnt.
         """
+        return self._with_whole_numbers()._run(progress)
+
+    def _with_whole_numbers(self) -> "Imitation":
+        """Return the same with Python's integers, which files can hold; raises `TrainingError` for other numbers."""
+        numbers = {"steps": (self.steps, 1), "num_envs": (self.num_envs, 1), "seed": (self.seed, 0)}
+        for name in ("threads", "rivers_in_memory"):
+            if (number := getattr(self, name)) is not None:
+                numbers[name] = (number, 1)
+        return replace(self, **dict(zip(numbers, check_numbers(**numbers), strict=True)))
+
+    def _run(self, progress: bool) -> RunResult:
         config = parse_config(ImitationConfig, dict(self.settings or {}), "settings")
         grounds = [level_named(name) for name in self.levels] if self.river is None else [self.river]
         seeds = parse_seeds(self.world_seeds, "world_seeds", TrainingError)
@@ -155,8 +166,8 @@ class Imitation:
             check_teacher(ground, seeds, rules, flown_by(teacher))
 
     def _check(self, grounds: Sequence[Level | Reach], seeds: Sequence[int]) -> None:
-        """Raise `TrainingError` for numbers out of range, for levels that are missing or given twice, for unseen rivers
-        of levels, and for a real river without seeds; `WorldError` for a file from which no river can be made."""
+        """Raise `TrainingError` for levels that are missing or given twice, for unseen rivers of levels, and for a real
+        river without seeds; `WorldError` for a file from which no river can be made."""
         if self.river is not None:
             self.river.check()
         names = [ground.name for ground in grounds]
@@ -164,9 +175,6 @@ class Imitation:
             raise TrainingError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
         if self.river is None:
             refuse_unseen(seeds, "world_seeds", TrainingError)
-        threads = 1 if self.threads is None else self.threads
-        check_numbers(steps=(self.steps, 1), num_envs=(self.num_envs, 1), threads=(threads, 1), seed=(self.seed, 0))
-        check_numbers(rivers_in_memory=(1 if self.rivers_in_memory is None else self.rivers_in_memory, 1))
 
     def _rules(self, config: ImitationConfig) -> EnvConfig:
         """Return what the environments draw."""

@@ -13,7 +13,7 @@ from thalweg.bench.results.inference import Estimate, Proportion
 
 WIDTH_IN, ROW_IN, FRAME_IN = 6.0, 0.19, 0.85
 """Width of a picture, height of a row, and of what is above and below the rows."""
-MARKERS = "osD"
+MARKERS = "osD^"
 SPREAD = 0.22
 """Distance of the points of a row from each other, in rows."""
 COLOURS_KEPT = 48

@@ -33,6 +33,7 @@ from study_flights import (
     returned,
     share,
 )
+from tables import is_begun
 from task_findings import read_studies
 from task_outcomes import LIMITLESS
 
@@ -45,6 +46,7 @@ from thalweg.bench.report.published import PUBLISHED
 from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.suite.builtin import BESIDE, STUDIED
+from thalweg.core.seeds import parse_seeds
 
 HERE = Path(__file__).resolve().parent
 
@@ -217,13 +219,16 @@ class Student:
     unseen: Estimate | None
     varied: Estimate | None
     """On unseen rivers under varied looks."""
+    steps: int = 0
+    """Steps of training of each."""
 
 
 def student(level: str, table: Path = any_river.TABLE) -> Student:
     """Return what students of image and mask return on a level, from the table of `any_river.py`."""
-    rows = read_csv(table, any_river.COLUMNS) if table.is_file() else []
+    rows = read_csv(table, any_river.COLUMNS) if is_begun(table) else []
     cells = [any_river.cells_of(rows, MASKED, kind, level) for kind in ("fixed", "unseen", "varied")]
-    return Student(*(mean_return(found) if found else None for found in cells))
+    steps = max((int(row["steps"]) for found in cells for row in found), default=0)
+    return Student(*(mean_return(found) if found else None for found in cells), steps=steps)
 
 
 def elsewhere(results: Results, beside: Student | None = None) -> Headline | None:
@@ -242,7 +247,7 @@ def elsewhere(results: Results, beside: Student | None = None) -> Headline | Non
     sentence = (
         f"On unseen rivers of {train_level(results)} the return of algorithms that fly changes by: {listed(changes)}"
         + (f"; under every look at once, on the river of training, by: {listed(looks)}." if looks else ".")
-        + _student_in_words(beside)
+        + _student_in_words(beside, train_level(results))
     )
     series = {
         words: tuple(returned(results, name, condition) for name in names)
@@ -251,23 +256,33 @@ def elsewhere(results: Results, beside: Student | None = None) -> Headline | Non
         )
     }  # fmt: skip
     if beside is not None and beside.unseen is not None:
-        own = (beside.fixed, beside.unseen, beside.varied)
+        own = (beside.fixed, beside.unseen, None)
+        nothing = (None,) * len(names)
         names = [*names, "imitated student"]
         series = {words: (*values, value) for (words, values), value in zip(series.items(), own, strict=True)}
+        series["unseen rivers, varied looks"] = (*nothing, beside.varied)
     return Headline(
         "elsewhere", "Other rivers and looks", sentence, tuple(names), series, f"mean return on {train_level(results)}"
     )
 
 
-def _student_in_words(beside: Student | None) -> str:
-    """Return a sentence on imitated students; empty where none was flown on unseen rivers."""
+def _student_in_words(beside: Student | None, level: str) -> str:
+    """Return sentences on imitated students; empty where none was flown on unseen rivers."""
     if beside is None or beside.unseen is None:
         return ""
-    fixed = "" if beside.fixed is None else f" {beside.fixed} on that river, new to it, and"
-    looks = "" if beside.varied is None else f", and {beside.varied} there under varied looks"
+    found = [
+        f"{value} {where}"
+        for value, where in (
+            (beside.fixed, f"on the fixed river of {level}, which is new to it"),
+            (beside.unseen, "on unseen rivers"),
+            (beside.varied, "there under varied looks"),
+        )
+        if value is not None
+    ]
     return (
-        f" A [student](imitation.md) that imitates a pilot with the map, and sees the image and a water mask,"
-        f" returns{fixed} {beside.unseen} on unseen ones{looks}."
+        " A [student](imitation.md) of today's versions, which learnt from a pilot with the map in"
+        f" {beside.steps:,} steps on {len(parse_seeds(any_river.WORLD_SEEDS))} rivers of each level under varied looks,"
+        f" and takes its most probable options, returns {listed(found)}."
     )
 
 

@@ -8,7 +8,8 @@ from itertools import pairwise
 from findings import share_at_bound
 from page_sections import wrap
 from task_outcomes import LIMITLESS, Outcome, Study, held, mean_text, oracle_text
-from task_risk import tail_fact, training_fact
+from task_risk import tail_fact
+from task_training import training_fact
 
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.fronts.fronts import FIXED, UNSEEN

@@ -20,8 +20,9 @@ from study_flights import earlier_versions
 from task_facts import Studies, facts
 from task_findings_picture import drawn_fronts
 from task_outcomes import LIMITLESS, Outcome, Study, held, mean_text, oracle_text, spread, study_of
-from task_risk import area_section, drawn_training, tail_section, training_section
+from task_risk import area_section, tail_section
 from task_sight import sight_facts, sight_table
+from task_training import drawn_training, training_section
 
 from thalweg.bench.fronts.fronts import FIXED, UNSEEN
 from thalweg.bench.report.policies import limit_met

@@ -22,7 +22,7 @@ from thalweg.bench.suite.config import Suite
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SCRIPTS = (
     *("headline", "study_flights", "headlines", "headline_pictures", "headline_page", "findings"),
-    *("task_findings", "task_facts", "task_findings_picture", "task_outcomes"),
+    *("task_findings", "task_facts", "task_findings_picture", "task_outcomes", "task_risk", "task_training"),
 )
 PRICED = ("swimmers", "racingline", "portage")
 ARMS = (
@@ -173,13 +173,15 @@ def test_losses_are_paired_by_start_or_by_seed(script: ModuleType):
 
 
 def test_imitated_students_stand_beside_those_that_learnt_by_reward(script: ModuleType):
-    beside = script.Student(Estimate(9.7, 9.6, 9.8), Estimate(9.6, 9.5, 9.7), Estimate(9.5, 9.4, 9.6))
+    beside = script.Student(Estimate(9.7, 9.6, 9.8), Estimate(9.6, 9.5, 9.7), Estimate(9.5, 9.4, 9.6), 2_000_000)
     found = script.elsewhere(study(), beside)
     assert found.labels == ("PPO", "CCEPETS", "imitated student")
-    assert [values[-1] for values in found.series.values()] == [beside.fixed, beside.unseen, beside.varied]
+    assert [values[-1] for values in found.series.values()] == [beside.fixed, beside.unseen, None, beside.varied]
+    assert [*found.series.values()][-1] == (None, None, beside.varied)
+    assert "in 2,000,000 steps on 64 rivers of each level" in found.sentence
     assert found.sentence.endswith(
-        "returns 9.70 [9.60, 9.80] on that river, new to it, and 9.60 [9.50, 9.70] on unseen ones, and 9.50"
-        " [9.40, 9.60] there under varied looks."
+        "returns 9.70 [9.60, 9.80] on the fixed river of Medium, which is new to it, 9.60 [9.50, 9.70] on unseen"
+        " rivers and 9.50 [9.40, 9.60] there under varied looks."
     )
     for lacking in (script.Student(beside.fixed, None, None), None):
         assert script.elsewhere(study(), lacking) == script.elsewhere(study())
@@ -205,9 +207,11 @@ def test_students_are_those_of_image_and_mask_of_today(script: ModuleType, tmp_p
     table = tmp_path / "any_river.csv"
     table.write_text("\n".join([",".join(columns), *lines]) + "\n")
     found = script.student("Medium", table)
-    assert (round(found.unseen.value, 9), found.varied.value, found.fixed) == (9.3, 8.0, None)
+    assert (round(found.unseen.value, 9), found.varied.value, found.fixed, found.steps) == (9.3, 8.0, None, 9)
     assert script.student("Hard", table).unseen is None
-    assert script.student("Medium", tmp_path / "none.csv") == script.Student(None, None, None)
+    (tmp_path / "killed.csv").touch()
+    for name in ("none.csv", "killed.csv"):
+        assert script.student("Medium", tmp_path / name) == script.Student(None, None, None)
 
 
 def test_a_loss_on_unseen_rivers_is_no_more_certain_than_the_rivers_are_many(script: ModuleType):

@@ -23,8 +23,8 @@ from thalweg.bench.suite.config import Suite
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SCRIPTS = (
-    "task_findings", "task_facts", "task_findings_picture", "task_outcomes", "task_risk", "task_sight", "findings",
-    "study_flights",
+    "task_findings", "task_facts", "task_findings_picture", "task_outcomes", "task_risk", "task_training", "task_sight",
+    "findings", "study_flights",
 )  # fmt: skip
 SAFE = FrontPoint("Nests", "Medium", "fixed", 10.0, 50, 6.0, 5.9, 6.1, 0.0, 0.0, 0.0, 1)
 FAST = replace(SAFE, price=0.0, return_=10.0, cost=40.0)

@@ -37,7 +37,7 @@ class Imitate(Command):
     set: tuple[str, ...] = ()
     """Settings, such as learning_rate=5e-4; `--set help` lists them with their meanings."""
     threads: int | None = None
-    """Threads for learning; by default as many as there are processors, within OMP_NUM_THREADS."""
+    """Threads for learning; by default OMP_NUM_THREADS, or as many as the cores that the process may use."""
     begin_with: Path | None = None
     """Run folder or policy file of the policy that the student starts from, `packaged` or `packaged-rgb`."""
     device: str = "cpu"

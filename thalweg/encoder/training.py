@@ -23,6 +23,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.compute.heap import keep_freed_memory
+from thalweg.core.compute.torch_threads import default_torch_threads, torch_threads
 from thalweg.core.config import to_plain
 from thalweg.core.machine import package_version
 from thalweg.core.notices import notice
@@ -128,7 +129,8 @@ def train_encoder(
         restore_rows(folder / METRICS, COLUMNS, rows)
         if progress:
             say_resumed(folder, len(rows), epochs)
-        _take_epochs(folder, state, train_images, held_out_images, rows, progress)
+        with torch_threads(default_torch_threads()):
+            _take_epochs(folder, state, train_images, held_out_images, rows, progress)
         return _write_encoder(folder / FILE, state, train_images, held_out_images, rows, source)
 
 

@@ -27,7 +27,7 @@ from thalweg.train.folder.loggers import RunLog
 from thalweg.train.folder.progress_bar import ProgressBar
 from thalweg.train.loop import AnyTrainer, StatusFile, training_loop
 
-MOST: Mapping[str, int] = MappingProxyType({"num_envs": 1_000_000})
+MOST: Mapping[str, int] = MappingProxyType({"num_envs": 1_000_000, "sequences": 1_000_000})
 """Maximum of numbers of which far fewer exhaust any memory."""
 NO_VERSIONS: Mapping[str, int] = MappingProxyType({})
 

@@ -211,8 +211,18 @@ def test_numbers_of_numpy_make_the_same_run(tmp_path: Path):
     whole.run()
     numbers = {name: np.int64(getattr(whole, name)) for name in ("steps", "sequences", "threads", "seed")}
     assert replace(whole, **numbers).run().already_finished
-    with pytest.raises(TrainingError, match="sequences must be at least 1, got 0"):
-        replace(whole, sequences=0).run()
+    for number, words in ((0, "at least 1, got 0"), (10**6 + 1, "at most 1000000, got 1000001")):
+        with pytest.raises(TrainingError, match=f"sequences must be {words}"):
+            replace(whole, sequences=number).run()
+
+
+def test_the_command_names_its_own_option_where_the_number_of_sequences_is_wrong(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+):
+    folder = recorded(tmp_path / "recording", flight(16))
+    options = ["--recordings", str(folder), "--steps", "16", "--num-envs", "0", "--out", str(tmp_path / "run")]
+    assert main(["imitate", *options]) == 2
+    assert "--num-envs must be at least 1" in capsys.readouterr().err
 
 
 def test_the_command_refuses_options_of_flights(tmp_path: Path, capsys: pytest.CaptureFixture):

@@ -133,7 +133,9 @@ class CoveredArea:
     name: str
     """The algorithm, or the names of the arms where it has several such groups."""
     limits: int
+    """Number of limits."""
     seeds: int
+    """Number of seeds that were flown at all of them."""
     share: Estimate
     """Of the oracle's area."""
 

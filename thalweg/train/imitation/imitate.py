@@ -64,7 +64,7 @@ class Imitation:
     settings: dict[str, Any] | None = None
     """Settings of `ImitationConfig` that differ from the defaults."""
     threads: int | None = None
-    """Threads for learning; None: as many as there are processors, within OMP_NUM_THREADS."""
+    """Threads for learning; None: `OMP_NUM_THREADS`, or as many as the cores that this process may use."""
     checkpoint_seconds: float = 60.0
     """Least time between two checkpoints."""
     begin_with: Path | None = None

@@ -1,4 +1,4 @@
-"""What training costs in the four tasks, for `docs/task-findings.md`: a table, a sentence and a picture.
+"""The cost of training in the four tasks, for `docs/task-findings.md`: a table, a sentence and a picture.
 
 Costs are those of finished episodes on the rivers of training, of runs that were trained to their end, at the middle
 limits.

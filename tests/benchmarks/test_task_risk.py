@@ -1,4 +1,4 @@
-"""What the page of findings on tasks tells beyond mean costs, areas and tails, worked by hand."""
+"""Areas and worst tenths on the page of findings on tasks, worked by hand."""
 
 import importlib
 import sys

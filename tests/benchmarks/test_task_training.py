@@ -1,4 +1,4 @@
-"""What the page of findings on tasks tells of training costs, worked by hand."""
+"""Training costs on the page of findings on tasks, worked by hand."""
 
 import importlib
 import io

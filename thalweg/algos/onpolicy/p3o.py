@@ -118,7 +118,8 @@ class P3O:
         samples = agent.samples(rollout, [reward_signal(config, rollout), *cost_signals(config, rollout)])
         costs = cost_advantages(config, samples)
         limits, means = config.current_limits(feedback), config.cost_means(feedback)
-        violations = torch.nan_to_num(torch.tensor(means) - torch.tensor(limits), nan=-float("inf"))
+        above = torch.tensor(means, dtype=torch.float32) - torch.tensor(limits, dtype=torch.float32)
+        violations = torch.nan_to_num(above, nan=-float("inf"))
         if config.standardise_cost:
             violations = violations / (samples.advantages[1:].std(1, correction=0).cpu() + 1e-8)
         length = feedback.mean_length if feedback.episodes else 1.0  # before any there is no violation either

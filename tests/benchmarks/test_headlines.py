@@ -188,8 +188,7 @@ def test_imitated_students_stand_beside_those_that_learnt_by_reward(script: Modu
 
 
 def test_students_are_those_of_image_and_mask_of_today(script: ModuleType, tmp_path: Path):
-    import any_river
-
+    any_river = importlib.import_module("any_river")
     columns = any_river.COLUMNS
     today = {name: str(version) for name, version in any_river.VERSIONS.items()}
 

@@ -136,7 +136,7 @@ def training_costs() -> str:
     for name in trained_policies(results):
         logs = [log for log in results.training if log.algorithm == name]
         if logs:
-            costs = [_seed_mean(each) for each in zip(*map(cost_by_quarter, logs), strict=True)]
+            costs = [seed_mean(each) for each in zip(*map(cost_by_quarter, logs), strict=True)]
             at_bound = [share_at_bound(results.folder / "runs" / f"{name}-{log.seed}") for log in logs]
             seeds = seeds_text(results, name, len(logs))
             rows.append([name, seeds, *map(str, costs), _percent(map(early_regret, logs)), _percent(at_bound)])
@@ -145,10 +145,10 @@ def training_costs() -> str:
     return markdown(frame(columns, rows))
 
 
-def _seed_mean(costs: Sequence[float]) -> Estimate:
-    """Return the mean cost of seeds with its interval; seeds without one (NaN) are left out."""
+def seed_mean(costs: Sequence[float], most: float = FIELD_RANGES["cost"][1]) -> Estimate:
+    """Return the mean cost of seeds with its interval, within 0 and `most`; seeds without one (NaN) are left out."""
     known = np.array([cost for cost in costs if not np.isnan(cost)])
-    return clip(t_interval(float(known.mean()), known), *FIELD_RANGES["cost"]) if len(known) else Estimate(np.nan)
+    return clip(t_interval(float(known.mean()), known), 0.0, most) if len(known) else Estimate(np.nan)
 
 
 def _percent(shares: Iterable[float]) -> str:

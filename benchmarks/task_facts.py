@@ -2,21 +2,18 @@
 
 import math
 import statistics
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from itertools import pairwise
 
 from findings import share_at_bound
 from page_sections import wrap
-from task_outcomes import LIMITLESS, Outcome, Study, held, mean_text, oracle_text
+from task_outcomes import LIMITLESS, Outcome, Studies, held, mean_text, oracle_text
 from task_risk import tail_fact
 from task_training import training_fact
 
 from thalweg.algos.registry import ALGORITHMS
 from thalweg.bench.fronts.fronts import FIXED, UNSEEN
 from thalweg.bench.report.policies import limit_met
-
-Studies = Mapping[str, Study]
-"""What was run of each task, by its name."""
 
 
 def facts(studies: Studies) -> str:

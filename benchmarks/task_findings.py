@@ -17,9 +17,9 @@ from pathlib import Path
 from findings import results_of
 from page_sections import replace_section, wrap
 from study_flights import earlier_versions
-from task_facts import Studies, facts
+from task_facts import facts
 from task_findings_picture import drawn_fronts
-from task_outcomes import LIMITLESS, Outcome, Study, held, mean_text, oracle_text, spread, study_of
+from task_outcomes import LIMITLESS, Outcome, Studies, Study, held, mean_text, oracle_text, spread, study_of
 from task_risk import area_section, tail_section
 from task_sight import sight_facts, sight_table
 from task_training import drawn_training, training_section

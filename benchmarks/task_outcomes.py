@@ -142,6 +142,10 @@ class Study:
         return {name for (which, _), name in self.arms.items() if which == algorithm}
 
 
+Studies = Mapping[str, Study]
+"""What was run of each task, by its name."""
+
+
 def study_of(suite: Suite, results: Results | None) -> Study:
     """Return what the results of a suite of a task have, beside the oracle's fronts that come with the package.
 

@@ -8,13 +8,12 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from task_outcomes import LIMITLESS, Outcome, Study, mean_text, spread
+from task_outcomes import LIMITLESS, Outcome, Studies, Study, mean_text, spread
 
 from thalweg.bench.fronts.fronts import FIXED
 from thalweg.bench.report.price_tables import CoveredArea, covered_areas
 from thalweg.bench.report.table import frame, markdown
 
-Studies = Mapping[str, Study]
 NOTHING = "Nothing has been run yet.\n"
 NOT_PLANNED = "not planned"
 

@@ -5,8 +5,8 @@ import statistics
 from collections.abc import Iterator
 
 from page_sections import wrap
-from task_facts import Studies, facts, line_of
-from task_outcomes import Outcome
+from task_facts import facts, line_of
+from task_outcomes import Outcome, Studies
 
 from thalweg.bench.fronts.fronts import FIXED
 from thalweg.bench.report.table import frame, markdown

@@ -4,26 +4,25 @@ Costs are those of finished episodes on the rivers of training, of runs that wer
 limits.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from findings import cost_by_quarter
+from findings import cost_by_quarter, seed_mean
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from task_findings_picture import SHADE, style_of, with_palette
-from task_outcomes import LIMITLESS, Study, spread
+from task_outcomes import LIMITLESS, Studies, Study, spread
 from task_risk import algorithms_of, middle_table
 
 from thalweg.algos.interface import MEAN_EPISODES
 from thalweg.bench.report.figures import GRID, STYLE, png
-from thalweg.bench.results.inference import Estimate, clip, t_interval
+from thalweg.bench.results.inference import Estimate
 from thalweg.bench.results.statistics import TrainingLog, mean_and_std, running_mean
 
-Studies = Mapping[str, Study]
 PER = 1000
 """Steps that the cost of all training is told for."""
 
@@ -48,18 +47,12 @@ def costs_of_training(studies: Studies) -> list[TrainingCost]:
             study.task,
             algorithm,
             study.middle_limit,
-            _over_seeds([PER * float((log.cost * log.episodes_of_rows).sum()) / log.last_step for log in logs]),
-            _over_seeds([cost_by_quarter(log)[-1] for log in logs]),
+            seed_mean([PER * float((log.cost * log.episodes_of_rows).sum()) / log.last_step for log in logs], np.inf),
+            seed_mean([cost_by_quarter(log)[-1] for log in logs], np.inf),
         )
         for study in studies.values()
         for algorithm, logs in _logs_of(study).items()
     ]
-
-
-def _over_seeds(values: Sequence[float]) -> Estimate:
-    """Return the mean over seeds with its interval, none of which is below 0; seeds without a value are left out."""
-    known = np.array([value for value in values if not np.isnan(value)])
-    return clip(t_interval(float(known.mean()), known), 0.0, np.inf) if len(known) else Estimate(np.nan)
 
 
 def _logs_of(study: Study) -> dict[str, list[TrainingLog]]:

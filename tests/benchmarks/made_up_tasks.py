@@ -1,13 +1,14 @@
 """A made-up front of the oracle, and results of a task whose figures can be worked by hand."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from thalweg.bench.evaluate.conditions import Condition
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.fronts.fronts import FrontPoint
 from thalweg.bench.results.results import Results, RunRow
@@ -20,17 +21,18 @@ FAST = replace(SAFE, price=0.0, return_=10.0, cost=40.0)
 FRONT = [SAFE, FAST, replace(SAFE, rivers="unseen"), replace(FAST, rivers="unseen")]
 """The oracle returns 6 at no cost and a point more for a cost of 10, up to 10: an area of 40 * 8."""
 LIMITS = {"FOCOPS-8.2": 8.2, "FOCOPS-23": 23.0, "FOCOPS-49": 49.0, "P3O-23": 23.0, "P3O-cnn-23": 23.0}
-SUITE = Suite(
-    "nests",
-    (
-        Arm("PPO"),
-        *(Arm(name.split("-")[0], settings={"cost_limit": limit}, name=name) for name, limit in LIMITS.items()),
-    ),
-    test_levels=("Medium",),
-    baselines=(),
-    packaged=False,
-    task="Nests",
-)
+
+
+def suite_of(limits: Mapping[str, float], *conditions: Condition) -> Suite:
+    """A suite of Nests with PPO and the policies that are named, such as FOCOPS-23, at their limits."""
+    named = [Arm(name.split("-")[0], settings={"cost_limit": limit}, name=name) for name, limit in limits.items()]
+    return Suite(
+        "nests", (Arm("PPO"), *named), test_levels=("Medium",), baselines=(), packaged=False, task="Nests",
+        conditions=conditions,
+    )  # fmt: skip
+
+
+SUITE = suite_of(LIMITS)
 
 
 def log(algorithm: str, seed: int, costs: list[float], episodes: list[int] | None = None) -> TrainingLog:

@@ -172,9 +172,9 @@ def test_training_costs_of_two_seeds_without_a_multiplier_have_neither_interval_
 
 
 def test_a_seed_without_episodes_in_a_quarter_is_left_out_of_the_mean(findings: ModuleType):
-    assert str(findings._seed_mean([0.5, np.nan, 0.7])) == "0.60"
-    assert np.isnan(findings._seed_mean([np.nan] * 3).value)
-    assert str(findings._seed_mean([0.9, 1.0, 0.8])) == "0.90 [0.65, 1.00]"  # 0.9 ± 4.303 * 0.1 / √3
+    assert str(findings.seed_mean([0.5, np.nan, 0.7])) == "0.60"
+    assert np.isnan(findings.seed_mean([np.nan] * 3).value)
+    assert str(findings.seed_mean([0.9, 1.0, 0.8])) == "0.90 [0.65, 1.00]"  # 0.9 ± 4.303 * 0.1 / √3
 
 
 def test_a_file_that_cannot_be_used_is_an_error(

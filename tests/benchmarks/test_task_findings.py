@@ -12,37 +12,23 @@ import pytest
 from PIL import Image
 
 from tests.bench.report.small_results import flights
+from tests.benchmarks.made_up_tasks import FAST, SAFE, rows, suite_of
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Condition
 from thalweg.bench.fronts import fronts
-from thalweg.bench.fronts.fronts import FrontPoint
 from thalweg.bench.results.results import Results, RunRow
 from thalweg.bench.results.run_versions import current_versions
 from thalweg.bench.suite.arms import Arm
-from thalweg.bench.suite.config import Suite
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SCRIPTS = (
     "task_findings", "task_facts", "task_findings_picture", "task_outcomes", "task_risk", "task_training", "task_sight",
     "findings", "study_flights",
 )  # fmt: skip
-SAFE = FrontPoint("Nests", "Medium", "fixed", 10.0, 50, 6.0, 5.9, 6.1, 0.0, 0.0, 0.0, 1)
-FAST = replace(SAFE, price=0.0, return_=10.0, cost=40.0)
 FRONT = [SAFE, FAST, replace(SAFE, rivers="unseen", cost=10.0), replace(FAST, rivers="unseen")]
 """On the fixed river the oracle returns 6 at no cost and a point more for a cost of 10; on unseen ones it costs 10."""
 LIMITS = {"FOCOPS-8.2": 8.2, "FOCOPS-23": 23.0, "FOCOPS-65": 65.0, "P3O-65": 65.0, "CPO-23": 23.0}
-SUITE = Suite(
-    "nests",
-    (
-        Arm("PPO"),
-        *(Arm(name.split("-")[0], settings={"cost_limit": limit}, name=name) for name, limit in LIMITS.items()),
-    ),
-    test_levels=("Medium",),
-    baselines=(),
-    packaged=False,
-    task="Nests",
-    conditions=(Condition("unseen", unseen=True),),
-)
+SUITE = suite_of(LIMITS, Condition("unseen", unseen=True))
 
 
 @pytest.fixture
@@ -81,12 +67,6 @@ def results() -> Results:
 @pytest.fixture
 def study(outcomes: ModuleType, results: Results) -> Any:
     return outcomes.study_of(SUITE, results)
-
-
-def rows(table: str) -> dict[str, list[str]]:
-    """Lines of a table by their first cell."""
-    lines = ([cell.strip() for cell in line.strip("| ").split(" | ")] for line in table.splitlines()[2:])
-    return {line[0]: line[1:] for line in lines}
 
 
 def test_a_cell_has_return_cost_flights_above_and_regret(script: ModuleType, study: Any):

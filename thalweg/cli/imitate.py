@@ -94,10 +94,12 @@ class Imitate(Command):
     def _clone(self, settings: dict[str, Any]) -> int:
         """Learn from recordings; raises `UsageError` for options of flights."""
         from thalweg.train.imitation.cloning import Cloning
+        from thalweg.train.run_in_folder import check_numbers
 
         for name in ("levels", "world_seeds", "river", "rivers_in_memory"):
             if getattr(self, name) != getattr(type(self), name):
                 raise UsageError(f"--{name.replace('_', '-')} does not go with --recordings, where nothing is flown")
+        check_numbers(num_envs=(self.num_envs, 1))  # by the name of the option, which is the number of sequences
         result = Cloning(
             self.out or Path(),
             self.recordings,

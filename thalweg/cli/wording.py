@@ -26,7 +26,7 @@ EXAMPLES = {
     "smooth_m": "4",
 }
 """Values to try of options without a default."""
-OTHER_NAMES = {"in_memory": "rivers_in_memory", "size_px": "size", "sequences": "num_envs"}
+OTHER_NAMES = {"in_memory": "rivers_in_memory", "size_px": "size"}
 """Arguments that are named otherwise than the options that they are passed as."""
 VERBS = "must|is|are"
 

@@ -14,6 +14,7 @@ pytestmark = pytest.mark.browser
 RIVER, TRACK, RETURN, COST = [169, 207, 234], [194, 65, 12], [11, 99, 176], [180, 35, 24]
 """Colours of the style sheet, by day."""
 PICTURE = "return document.getElementById('view').toDataURL()"
+FLIES = "return document.getElementById('pilot').value"
 HELD = "return [...document.querySelectorAll('#keys-held span')].map((each) => each.textContent).join()"
 
 
@@ -61,6 +62,42 @@ def test_another_river_and_task_are_flown(page: Browser):
     assert page.run("return document.querySelector('.back small').textContent") == "fast"
     assert page.run("return document.forms.options.level.value") == "Medium"
     assert page.run(TEXT.format("error")) == ""
+
+
+def test_any_wind_that_the_server_takes_can_be_chosen(page: Browser):
+    start(page, wind_m_per_s="0.3", seed="7")
+    started(page, "start 7")
+    assert page.run("return document.forms.options.wind_m_per_s.value") == "0.3"
+
+
+def test_p_takes_over_and_hands_back_to_who_flew(page: Browser):
+    policy, body = page.run(FLIES), page.driver.find_element("tag name", "body")
+    assert policy.endswith("small.safetensors")
+    page.press("p", on=body)
+    wait_for(page, FLIES, lambda name: name == "hand")
+    page.press("p", on=body)
+    wait_for(page, FLIES, lambda name: name == policy)
+
+
+def test_no_frame_of_an_earlier_flight_is_shown_in_the_next(page: Browser):
+    page.run("""
+        const decode = window.createImageBitmap.bind(window);
+        const slow = async (picture) => { await new Promise((done) => setTimeout(done, 200)); return decode(picture); };
+        window.createImageBitmap = slow;
+        window.told = [];
+        const text = (id) => document.getElementById(id).textContent;
+        new MutationObserver(() => window.told.push([text("where"), text("step")]))
+          .observe(document.getElementById("step"), {childList: true});
+    """)
+    choose(page, "pilot", "pilot")
+    body = page.driver.find_element("tag name", "body")
+    page.press(" ", on=body)
+    wait_for(page, STEP, lambda step: step >= 2)
+    page.press("n", on=body)
+    started(page, "start 4")
+    told = page.run("return window.told")
+    assert any(where.endswith("start 3") and not step.startswith("0 of") for where, step in told)
+    assert {step.split()[0] for where, step in told if where.endswith("start 4")} == {"0"}
 
 
 def test_a_look_changes_the_picture_and_the_usual_one_brings_it_back(page: Browser):

@@ -31,6 +31,38 @@ def test_everyone_can_take_over_in_a_flight(cockpit: Cockpit):
     assert [cockpit.flight.actions[step].tolist() for step in (0, 2)] == [[1, 1, 1, 1], [1, 1, 0, 1]]
 
 
+LEFT, STILL = (0, 1, 0, 0), (0, 0, 0, 0)
+
+
+def test_a_tap_is_flown_by_the_step_that_it_asked_for_alone(cockpit: Cockpit):
+    cockpit.hand.hold(LEFT)
+    cockpit.step_by_hand(LEFT)
+    cockpit.hand.hold(STILL)
+    assert cockpit.advance(1)
+    assert [action.tolist() for action in cockpit.flight.actions] == [[1, 0, 1, 1], [1, 1, 1, 1]]  # pyright: ignore
+
+
+@pytest.mark.parametrize("by", ["choice", "key", "end of a replay", "new flight"])
+def test_a_tap_ends_with_whoever_flew_then(by: str, cockpit: Cockpit, easy_world: World):
+    cockpit.control("pilot")
+    cockpit.advance(1)
+    if by == "end of a replay":
+        cockpit.repeat(easy_world, cockpit.folder.read(cockpit.save()))
+    cockpit.hand.hold(LEFT)
+    cockpit.hand.hold(STILL)
+    if by == "choice":
+        cockpit.control("hand")
+    elif by == "key":
+        cockpit.step_by_hand(STILL)
+    elif by == "end of a replay":
+        assert not cockpit.advance(9)
+    else:
+        cockpit.pilot = "hand"
+        cockpit.start(easy_world, EASY)
+    assert cockpit.advance(1)
+    assert cockpit.flight.actions[-1].tolist() == [1, 1, 1, 1]  # pyright: ignore
+
+
 def test_an_unknown_pilot_is_named_with_those_that_there_are(cockpit: Cockpit):
     with pytest.raises(ViewerError, match=r"unknown pilot 'pilto' \(did you mean 'pilot'\?\); known: hand, pilot, "):
         cockpit.control("pilto")

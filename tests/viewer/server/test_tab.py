@@ -1,5 +1,8 @@
 """Flights through the socket: the same as in the environment, recorded, watched, and safe from what a page may send."""
 
+import errno
+import os
+
 import gymnasium
 import numpy as np
 import pytest
@@ -119,6 +122,21 @@ def test_the_end_of_a_flight_is_named_and_saved_if_asked_for(server: Server):
         assert frame["ended"] == "too low or high" and frame["costs"] == {"tight": 1.0, "loose": 0.0}
     assert server.folder.names() == [name]
     assert (server.folder.path / "episodes.csv").read_text().count("\n") == 2
+
+
+def test_the_end_is_shown_of_a_flight_that_cannot_be_saved(server: Server, monkeypatch: pytest.MonkeyPatch):
+    def save(flight: object) -> str:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "flights")
+
+    monkeypatch.setattr(server.folder, "save", save)
+    with server.flying() as page:
+        page.say("record", on=True)
+        page.say("hold", action=(1, 0, 0, 0))
+        page.say("run", paused=False, speed=None)
+        while (told := page.hear())["type"] != "error":
+            pass
+        assert told["message"] == f"flights cannot be used: {os.strerror(errno.ENOSPC)}"
+        assert page.until("frame")["ended"] == "too low or high"
 
 
 @pytest.mark.parametrize(

@@ -52,6 +52,7 @@ class Cockpit:
         """Begin a flight; returns what the page is told of it. Raises the errors of `env_of` and `Flight`."""
         self.flight = Flight(self._env(world, options), options)
         self._saved_steps, self._flyer, self._water = 0, None, None
+        self.hand.forget_taps()
         self._eye, self._plain_eye = (self._kept(eye) for eye in (self._eye, self._plain_eye))
         if self.pilot == Replay.name:
             self.pilot = HAND
@@ -82,6 +83,7 @@ class Cockpit:
         except Exception:
             self.pilot, self._flyer = before
             raise
+        self.hand.forget_taps()
 
     def advance(self, steps: int) -> bool:
         """Fly up to so many steps; returns whether the flight can go on.
@@ -97,10 +99,10 @@ class Cockpit:
             try:
                 action = self._flyer.action(flight)
             except ViewerError:
-                self.pilot, self._flyer = HAND, self.hand
+                self._take_over()
                 raise
             if action is None:
-                self.pilot, self._flyer = HAND, self.hand
+                self._take_over()
                 return False
             self._step(flight, action)
         if flight.ended and self.saves_all:
@@ -111,7 +113,7 @@ class Cockpit:
         """Take over, and fly one step, see `thalweg.viewer.flight.flyers.action_of`; raises `ViewerError` without a
         flight."""
         flight = self._flying()
-        self.pilot, self._flyer = HAND, self.hand
+        self._take_over()
         if not flight.ended:
             self._step(flight, action_of(flight.env.config, units))
             self.advance(0)
@@ -155,6 +157,11 @@ class Cockpit:
         if not refusal(self._eye_of(flight).camera):
             drawn["bird"] = self._water.picture(camera)
         return drawn
+
+    def _take_over(self) -> None:
+        """Let the hand fly from now on, by what it holds then."""
+        self.hand.forget_taps()
+        self.pilot, self._flyer = HAND, self.hand
 
     def _step(self, flight: Flight, action: Any) -> None:
         """Fly a step, and look at the water after it if its map is shown."""

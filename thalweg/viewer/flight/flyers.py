@@ -55,10 +55,14 @@ class Hand:
         self.held = units
         self._tapped = [now or before for now, before in zip(units, self._tapped, strict=True)]
 
+    def forget_taps(self) -> None:
+        """Forget what was held for a moment since the last step."""
+        self._tapped = list(STILL)
+
     def action(self, flight: Flight) -> np.ndarray:
         """Return the action of what is held, or was since the last step."""
         units = [now or before for now, before in zip(self.held, self._tapped, strict=True)]
-        self._tapped = list(STILL)
+        self.forget_taps()
         return action_of(flight.env.config, units)
 
 

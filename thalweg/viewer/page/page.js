@@ -24,6 +24,7 @@ let lost = null; // options of the flight that was lost with it, and who flew
 let flies = null; // who flies, once that is known
 let asked = null; // who shall fly, until a frame shows it
 let complaint = ""; // of the next flight
+let shown = Promise.resolve(); // when the last frame that has come is shown
 
 const say = (type, about = {}) => {
   if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ type, ...about }));
@@ -34,7 +35,7 @@ function connect() {
   address.protocol = "ws:";
   socket = new WebSocket(address);
   socket.binaryType = "arraybuffer";
-  socket.onmessage = ({ data }) => (typeof data === "string" ? hear(JSON.parse(data)) : show(data));
+  socket.onmessage = ({ data }) => (typeof data === "string" ? hear(JSON.parse(data)) : showInTurn(data));
   socket.onclose = closed;
 }
 
@@ -133,30 +134,39 @@ function again() {
 
 const hear = (told) => HEARD[told.type]?.(told);
 
-/** Show a frame: a header's length, the header, and pictures one after another. */
-async function show(data) {
+/** Show a frame after those before it: pictures take different times to decode. */
+function showInTurn(data) {
+  const itsFlight = flight;
+  shown = shown.then(() => show(data, itsFlight)).catch((error) => console.error(error));
+}
+
+/** Show a frame: a header's length, the header, and pictures one after another. One of an earlier flight is dropped. */
+async function show(data, itsFlight) {
   const length = new DataView(data).getUint32(0, true);
   const told = JSON.parse(decoder.decode(new Uint8Array(data, 4, length)));
   let at = 4 + length;
   const pictures = {};
   for (const [kind, size] of told.pictures) {
-    pictures[kind] = new Blob([new Uint8Array(data, at, size)]);
+    pictures[kind] = await createImageBitmap(new Blob([new Uint8Array(data, at, size)]));
     at += size;
   }
+  say("drawn", { frame: told.frame });
+  if (flight !== itsFlight) return;
   const main = told.pictures[0][0];
-  await paint($("view"), pictures[main]);
+  paint($("view"), pictures[main]);
   $("inset").hidden = main === "mask" || !pictures.mask;
-  if (!$("inset").hidden) await paint($("inset"), pictures.mask);
+  if (!$("inset").hidden) paint($("inset"), pictures.mask);
   $("seen").hidden = !pictures.seen;
-  if (pictures.seen) await paint($("seen"), pictures.seen);
+  if (pictures.seen) paint($("seen"), pictures.seen);
   $("bird").hidden = $("bird-legend").hidden = !pictures.bird;
-  if (pictures.bird) await paint($("bird"), pictures.bird);
+  if (pictures.bird) paint($("bird"), pictures.bird);
+  for (const picture of Object.values(pictures)) picture.close();
   $("unmapped").hidden = !told.unmapped;
   $("unmapped").textContent = told.unmapped ?? "";
-  say("drawn", { frame: told.frame });
   if (!latest && !told.moving && !told.ended) notice("Ready: Space flies", "W forward, A D turn, ↑ ↓ climb and descend, Q E sideways");
   latest = told;
   flies = told.flies;
+  if (flies !== "hand" && choices.pilots.includes(flies)) lastPilot = flies; // not a replay
   if (asked === flies) asked = null;
   stepping = false;
   countFrame();
@@ -167,14 +177,12 @@ async function show(data) {
   }
 }
 
-async function paint(canvas, picture) {
-  const image = await createImageBitmap(picture);
+function paint(canvas, image) {
   if (canvas.width !== image.width || canvas.height !== image.height) {
     canvas.width = image.width;
     canvas.height = image.height;
   }
   canvas.getContext("2d").drawImage(image, 0, 0);
-  image.close();
 }
 
 function tellNumbers(told) {
@@ -269,7 +277,7 @@ function begin(asked) {
 }
 
 const start = (changes = {}) => begin({ ...options(), ...changes });
-const restart = (seed) => flight && begin({ ...flight.options, seed });
+const restart = (by) => flight && begin({ ...flight.options, seed: flight.options.seed + by });
 const view = () => ({ picture: $("picture").value, mask: $("with-mask").checked, seen: $("with-seen").checked });
 const speed = () => ($("speed").value === "fastest" ? null : Number($("speed").value));
 const run = (moving) => say("run", { paused: !moving, speed: speed() });
@@ -302,8 +310,8 @@ const COMMANDS = {
   "-": () => cycle($("speed"), -1),
   c: () => $("cruise").click(),
   p: () => control(latest?.flies === "hand" ? lastPilot : "hand"),
-  n: () => restart(flight.options.seed + 1),
-  b: () => restart(flight.options.seed),
+  n: () => restart(1),
+  b: () => restart(0),
   v: () => cycle($("picture"), 1),
   m: () => $("near").click(),
   r: () => say("save"),

@@ -212,13 +212,13 @@ class Tab:
         if self._pace.moving and (due := self._pace.steps_due(now)):
             before = len(cockpit.saved)
             pilot = cockpit.pilot
+            self._changed = True  # also where a step, or saving what it ended, fails
             if not await self._in_thread(cockpit.advance, due):
                 self._pace.stand()
                 await self._tell_pace()
             await self._tell_saved(before)
             if cockpit.pilot != pilot:
                 await self._tell("busy", message=f"the recorded flight is over; {cockpit.pilot} flies")
-            self._changed = True
         if self._pace.moving or self._changed:
             await self._send_frame()
 

@@ -322,3 +322,47 @@ def flown(writer: DataSetWriter, sights: Iterator[Sight], living: list["weakref.
             most = max(most, sum(each() is not None for each in living))
         written.end(False, -1)
     return most
+
+
+@pytest.mark.parametrize("form", ["lerobot", "minari"])
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"pilots": ()}, "pilots must be a name for each step"),
+        ({"reason": 9}, "the reason for its end is 9"),
+        ({"rewards": np.array([0.0, np.nan, 0.0])}, "rewards holds what is no finite number"),
+        ({"mask": np.zeros((4, *SIZE), bool)}, "mask are numbers of bool, not of uint8"),
+    ],
+)
+def test_a_flight_that_could_not_be_read_again_is_not_written(form: Any, change: dict, error: str, tmp_path: Path):
+    with (
+        pytest.raises(DatasetError, match=f"the flight cannot be recorded: {error}"),
+        recording(tmp_path / "data", form, ABOUT) as writer,
+    ):
+        add_flight(writer, replace(FLIGHTS[0], **change))
+    assert not (tmp_path / "data").exists()
+
+
+@pytest.mark.parametrize("form", ["lerobot", "minari"])
+def test_the_folder_that_one_is_in_may_be_named_by_a_dot(form: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "data").mkdir()
+    monkeypatch.chdir(tmp_path / "data")
+    with recording(Path(), form, ABOUT) as writer:
+        add_flight(writer, FLIGHTS[0])
+    assert_same(next(read_recordings(tmp_path / "data")[1]), FLIGHTS[0], frames=3)
+
+
+def test_a_mount_point_is_refused_before_anything_is_flown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(os.path, "ismount", lambda path: path == tmp_path / "disk")
+    (tmp_path / "disk").mkdir()
+    with pytest.raises(DatasetError, match="disk is a mount point"):
+        check_new(tmp_path / "disk")
+
+
+@pytest.mark.parametrize("form", ["lerobot", "minari"])
+def test_features_of_one_number_are_kept(form: Any, tmp_path: Path):
+    about = replace(ABOUT, proprioception=("height",), cost_kinds=("tight",))
+    one = replace(FLIGHTS[0], proprioception=FLIGHTS[0].proprioception[:, :1], costs=FLIGHTS[0].costs[:, :1])
+    with recording(tmp_path / "data", form, about) as writer:
+        add_flight(writer, one)
+    assert_same(next(read_recordings(tmp_path / "data")[1]), one, frames=3)

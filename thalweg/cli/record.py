@@ -59,7 +59,7 @@ class Record(FlownFlight):
         from thalweg.datasets.draft import finished_flights
         from thalweg.datasets.errors import DatasetError
         from thalweg.datasets.recordings import check_recording, recording
-        from thalweg.viewer.flight.observed import Observer, options_of
+        from thalweg.viewer.flight.observed import Observer
         from thalweg.viewer.flight.recording import read_recording
 
         camera = self._checked_camera()
@@ -91,7 +91,7 @@ class Record(FlownFlight):
                 flight = cockpit.flight
                 if flight.env is not observer.env:
                     observer = Observer(flight.env, camera, self.layers)
-                with writer.flight(flight.options.task, options_of(flight)) as written:
+                with writer.flight(flight.options.task, observer.options_of(flight)) as written:
                     steps += observer.record(cockpit, written, self.steps, pilots)
                 ended[_end(flight.reason)] += 1
                 progress.update(task, advance=1, rate=f"{steps:,} steps")

@@ -15,7 +15,7 @@ from typing import Any
 
 from thalweg.core.atomic_io import ON_WINDOWS, disk_errors_name, is_temporary, without_temporaries, write_atomic
 from thalweg.core.plugins.source import text_hash
-from thalweg.core.run_folder import LOCK, FolderKind, differences
+from thalweg.core.run_folder import LOCK, MAX_NAMED, FolderKind, differences
 from thalweg.datasets.errors import DatasetError
 
 RECORDING = FolderKind("recording", "recording.json", DatasetError, ignores_hidden=True)
@@ -23,8 +23,6 @@ JOURNAL = "journal"
 """Folder of a draft, of the records of finished flights, and of files that the data set does not need."""
 FLIGHT, CONTENT = "flight", "content"
 """Keys of a finished flight's file: what was noted of the flight, and the hash of that as JSON."""
-MAX_NAMED = 4
-"""Maximum number of differences that a message names."""
 
 
 class Draft:
@@ -65,11 +63,13 @@ def finished_flights(path: Path) -> list[dict[str, Any]]:
 
 
 def check_new(path: Path) -> None:
-    """Raise `DatasetError` unless `path` is free or an empty folder."""
+    """Raise `DatasetError` unless `path` is free or an empty folder that can be replaced."""
     if not path.absolute().name:
         raise DatasetError(f"{path} is no folder for recordings: name a new one")
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise DatasetError(f"{path} is there already: name a new folder for the recordings")
+    if os.path.ismount(path.absolute()):
+        raise DatasetError(f"{path} is a mount point, which no finished recording can replace: name a folder in it")
 
 
 @contextmanager
@@ -109,6 +109,7 @@ def draft_of(path: Path, about: Mapping[str, Any]) -> Iterator[Draft]:
 
 def _take_name(folder: Path, path: Path) -> None:
     """Rename a draft that is finished, and remove what is no part of the data set."""
+    path = path.absolute()  # `.` can be neither removed nor replaced
     if path.exists():
         path.rmdir()
     os.replace(folder, path)

@@ -19,7 +19,8 @@ LAYERS: tuple[Layer, ...] = get_args(Layer)
 FIELD_OF_LAYER: dict[Layer, str] = {"mask": "mask", "depth": "depth_m", "class": "class_id"}
 """Fields of `RecordedEpisode` that hold the layers."""
 ACTION_NAMES = ("up", "turn left", "forward", "left")
-"""Meaning of +1 in each branch of a move; -1 is the opposite direction, and 0 no motion."""
+"""Meaning of +1 in each branch of a move, a plain step in that direction; -1 is one in the opposite direction, 0 no
+motion. A fast step forward is as many plain ones as it is long, 2."""
 POSE_NAMES = ("x", "y", "z", "yaw")
 """Numbers of a pose: three in metres, yaw in radians counter-clockwise from east."""
 RUNNING = -1
@@ -94,7 +95,7 @@ class RecordedEpisode:
     times_s: np.ndarray
     """[T + 1] float64, clock of the water."""
     moves: np.ndarray
-    """[T, 4] float32 in -1..1, see `ACTION_NAMES`."""
+    """[T, 4] float32 in plain steps, see `ACTION_NAMES`: -1..1, and forward up to 2 in tasks with a fast step."""
     options: np.ndarray | None
     """[T, 4] int64, options of a discrete action as the environment took them; None for continuous actions."""
     rewards: np.ndarray
@@ -103,13 +104,13 @@ class RecordedEpisode:
     """[T, K] float64, by `About.cost_kinds`."""
     terminated: bool
     """Whether the flight ended by the rules; one that was stopped, or cut off by the paper's step limit, did not."""
+    pilots: tuple[str, ...]
+    """[T] name of who flew each step."""
     reason: int = RUNNING
     """Code of the reason for the end, see `About.reasons`; `RUNNING` for a flight that was stopped before its end."""
-    pilots: tuple[str, ...] = ()
-    """[T] name of who flew each step."""
     task: str = "River"
     options_of_flight: dict[str, Any] = field(default_factory=dict)
-    """Options of the flight as plain data: river, seeds, task, vehicle, look and wind."""
+    """Options of the flight as plain data: river, seeds, task, vehicle, look and wind, and the optics of its frames."""
 
     @property
     def steps(self) -> int:
@@ -140,8 +141,14 @@ def is_plain(value: Any) -> bool:
 def check_episode(episode: RecordedEpisode, about: About, where: Path) -> None:
     """Raise `DatasetError` for a flight that was read from `where` and whose arrays don't fit together, or hold numbers
     that are not finite."""
-    if wrong := _array_error(episode, about) or _plain_error(episode, about):
+    if wrong := episode_error(episode, about):
         raise DatasetError(f"{where} holds a flight that is damaged: {wrong}")
+
+
+def episode_error(episode: RecordedEpisode, about: About) -> str:
+    """Return what keeps a flight from being one of a data set: arrays that don't fit together, numbers that are not
+    finite, or no plain data; empty for nothing."""
+    return _array_error(episode, about) or _plain_error(episode, about)
 
 
 def _array_error(episode: RecordedEpisode, about: About) -> str:

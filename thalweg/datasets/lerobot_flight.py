@@ -179,7 +179,7 @@ def _arrow(values: np.ndarray, feature: dict[str, Any]) -> Any:
     kind = {"string": pyarrow.string(), "bool": pyarrow.bool_()}.get(feature["dtype"])
     kind = kind or getattr(pyarrow, feature["dtype"])()
     if feature["shape"] == [1]:
-        return pyarrow.array(values.tolist(), kind)
+        return pyarrow.array(values.ravel().tolist(), kind)  # [B], or [B, 1]
     flat = pyarrow.array(np.ascontiguousarray(values, feature["dtype"]).ravel(), kind)
     for size in reversed(values.shape[1:]):
         flat = pyarrow.FixedSizeListArray.from_arrays(flat, size)

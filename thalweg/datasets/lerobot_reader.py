@@ -124,7 +124,7 @@ class _FlightFiles:
             raise DatasetError(f"{self.path} lacks the column {name}")
         try:
             chunks = self.table[name].combine_chunks()
-            for _ in shape:
+            for _ in shape if shape != (1,) else ():  # a feature of one number is a column of numbers
                 chunks = chunks.flatten()
             return chunks.to_numpy(zero_copy_only=False).reshape(len(self.table), *shape)
         except (AttributeError, ValueError, pyarrow.ArrowException) as error:

@@ -32,7 +32,7 @@ class LeRobotWriter:
 
     def __init__(self, draft: Draft, about: About, *, video: bool) -> None:
         """`video`: keep the colours as H.264, which is lossy; else as PNG, which is lossless."""
-        self._draft, self._about, self._video = draft, about, video
+        self._draft, self.about, self._video = draft, about, video
         self._flights = draft.records
 
     @property
@@ -51,7 +51,7 @@ class LeRobotWriter:
             video = self._open_video(number, files) if self._video else None
             first = sum(each["steps"] for each in self._flights)
             place = Place(draft, number, first, tasks.get(sentence, len(tasks)))
-            writer = LeRobotFlight(place, self._about, video, self._check_features)
+            writer = LeRobotFlight(place, self.about, video, self._check_features)
             files.callback(writer.close)
             yield writer
             told = writer.told()
@@ -70,11 +70,11 @@ class LeRobotWriter:
         tasks = self._tasks
         pandas.DataFrame({"task_index": list(tasks.values())}, index=list(tasks)).to_parquet(folder / layout.TASKS)
         lengths = [each["steps"] for each in self._flights]
-        info = layout.info_of(self._flights[0]["features"], self._about, lengths, len(tasks), video=self._video)
+        info = layout.info_of(self._flights[0]["features"], self.about, lengths, len(tasks), video=self._video)
         counted = [statistics.from_plain(each["statistics"]) for each in self._flights]
         found = {key: statistics.together([each[key] for each in counted]) for key in counted[0]}
         flights = [{"task": each["task"], "options": each["options"]} | each["end"] for each in self._flights]
-        about = {"format": layout.FORMAT, "about": asdict(self._about), "flights": flights}
+        about = {"format": layout.FORMAT, "about": asdict(self.about), "flights": flights}
         texts = {layout.INFO: info, layout.STATS: statistics.plain(found), layout.ABOUT: about}
         for name, content in texts.items():
             (folder / name).write_text(json.dumps(content, indent=1), encoding="utf-8")
@@ -94,7 +94,7 @@ class LeRobotWriter:
         file = layout.VIDEO_PATH.format(video_key=layout.CAMERA, **layout.place(number))
         draft = files.enter_context(atomic_path(self._draft.folder / file))
         files.enter_context(_video_errors())
-        writer = video_writer(draft, self._about.fps, crf=CRF, key_every=KEY_EVERY, name=self._draft.name / file)
+        writer = video_writer(draft, self.about.fps, crf=CRF, key_every=KEY_EVERY, name=self._draft.name / file)
         return files.enter_context(writer)
 
     def _rows(self) -> list[dict[str, Any]]:
@@ -111,7 +111,7 @@ class LeRobotWriter:
         video: dict[str, Any] = {}
         if self._video:
             key = f"videos/{layout.CAMERA}"
-            times = {"from_timestamp": 0.0, "to_timestamp": steps / self._about.fps}
+            times = {"from_timestamp": 0.0, "to_timestamp": steps / self.about.fps}
             video = {f"{key}/{name}": value for name, value in {**place, **times}.items()}
         found = flight["statistics"]
         return {

@@ -31,7 +31,7 @@ class MinariWriter:
     """
 
     def __init__(self, draft: Draft, about: About) -> None:
-        self._draft, self._about, self._flights = draft, about, draft.records
+        self._draft, self.about, self._flights = draft, about, draft.records
 
     @property
     def finished(self) -> int:
@@ -50,7 +50,7 @@ class MinariWriter:
             if options.get("seed") is not None:
                 group.attrs["seed"] = options["seed"]
             group.attrs[KEY] = json.dumps({"task": task, "options": options})
-            writer = MinariFlight(group, self._about, self._check_kind)
+            writer = MinariFlight(group, self.about, self._check_kind)
             yield writer
             told = writer.told()
         self._draft.note(told)
@@ -67,7 +67,7 @@ class MinariWriter:
         for old in folder.glob("*"):  # of a command that was killed here
             old.unlink()
         folder.mkdir(exist_ok=True)
-        spaces = spaces_of(tuple(kind["size_px"]), self._about, discrete=kind["discrete"])
+        spaces = spaces_of(tuple(kind["size_px"]), self.about, discrete=kind["discrete"])
         storage: Any = MinariStorage.new(folder, *spaces, data_format="hdf5", jpeg_encoding=False)
         with h5py.File(folder / FILE, "w", track_order=True) as out:
             for number in range(self.finished):
@@ -80,7 +80,7 @@ class MinariWriter:
                 "description": "Flights along rivers, recorded by Thalweg.",
                 "total_episodes": self.finished,
                 "total_steps": sum(each["steps"] for each in self._flights),
-                KEY: asdict(self._about),
+                KEY: asdict(self.about),
             }
         )
         storage.update_metadata({"dataset_size": round(storage.get_size(), 1)})

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 from thalweg.core.suggestion import did_you_mean
 from thalweg.datasets.draft import check_new, draft_of
-from thalweg.datasets.episode import About, RecordedEpisode
+from thalweg.datasets.episode import About, RecordedEpisode, episode_error
 from thalweg.datasets.errors import DatasetError
 from thalweg.datasets.lerobot_reader import is_lerobot, read_lerobot
 from thalweg.datasets.lerobot_writer import LeRobotWriter
@@ -30,7 +30,7 @@ def check_recording(path: Path, form: str, *, video: bool) -> None:
     if form == "minari":
         if video:
             raise DatasetError("Minari keeps no videos: its frames are lossless; leave out --video")
-        check_name(path)
+        check_name(path.absolute())
     check_new(path)
 
 
@@ -71,7 +71,12 @@ def recording(
 
 
 def add_flight(writer: DataSetWriter, episode: RecordedEpisode) -> None:
-    """Write a flight that is in memory; raises the errors of `FlightWriter.step`."""
+    """Write a flight that is in memory.
+
+    Raises `DatasetError` for one that could not be read again, and the errors of `FlightWriter.step`.
+    """
+    if wrong := episode_error(episode, writer.about):
+        raise DatasetError(f"the flight cannot be recorded: {wrong}")
     with writer.flight(episode.task, episode.options_of_flight) as flight:
         write_flight(flight, episode)
 

@@ -38,7 +38,7 @@ class Step:
     """What is done in a step, and what it brings; types as in `RecordedEpisode`."""
 
     move: np.ndarray
-    """[4] in -1..1."""
+    """[4] in plain steps, see `thalweg.datasets.episode.ACTION_NAMES`."""
     option: np.ndarray | None
     """[4], None for continuous actions."""
     reward: float
@@ -76,6 +76,9 @@ class FlightWriter(Protocol):
 
 class DataSetWriter(Protocol):
     """Writes flights one after the other in one format."""
+
+    about: About
+    """What all flights have in common."""
 
     @property
     def finished(self) -> int:

@@ -6,14 +6,14 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from thalweg.bench.evaluate.episodes import ALL_REASONS, REASON_TEXT, share_ahead
-from thalweg.env import RiverVectorEnv
+from thalweg.env import DoneReason, RiverVectorEnv
 from thalweg.env.frame_renderer import Views
 from thalweg.env.task.motion import wrap_angle
 from thalweg.viewer.flight.course_map import props_on_map
 from thalweg.viewer.flight.options import FlightOptions
 from thalweg.world import World
 
-RUNNING = -1
+RUNNING = int(DoneReason.RUNNING)
 
 
 def env_of(world: World, options: FlightOptions) -> RiverVectorEnv:

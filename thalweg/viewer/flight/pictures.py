@@ -7,12 +7,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 from PIL import Image
 
+from thalweg.datasets.episode import FIELD_OF_LAYER
 from thalweg.render.records.classes import CLASSES
 from thalweg.viewer.flight.flight import Flight
 
 PictureKind = Literal["camera", "mask", "depth", "class"]
 KINDS: tuple[PictureKind, ...] = get_args(PictureKind)
-FIELDS = {"camera": "rgb", "mask": "mask", "depth": "depth_m", "class": "class_id"}
+FIELDS = {"camera": "rgb", **FIELD_OF_LAYER}
 """Field of a `thalweg.render.Frame` that each picture shows."""
 QUALITY = 88
 """Quality of JPEG; frames are noisy enough to hide its traces."""

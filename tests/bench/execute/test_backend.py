@@ -1,5 +1,6 @@
 """The real place of a suite, with its course exchanged for one made by hand."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -198,6 +199,14 @@ def test_an_arm_sees_the_codes_of_its_own_encoder_or_of_the_suites_each_loaded_o
     ours, theirs = "the default encoder", "the geometry encoder"
     assert given == [("P3O", ours), ("PPO", ours), ("CUP", theirs), ("P3O", theirs), ("PPO", theirs)]
     assert loaded == ["default", "geometry", "geometry"]
+
+
+def test_a_place_that_has_loaded_encoders_and_drawn_rivers_travels_without_them():
+    place = RiverBackend(SUITE)
+    place.encoder(RUN_OF_PPO)
+    place._observers["Easy", "frames", Camera(), "default"] = None
+    travelled = pickle.loads(pickle.dumps(place))
+    assert vars(travelled) == vars(RiverBackend(SUITE))
 
 
 def test_a_policy_of_the_privileged_observation_is_flown_and_filmed_without_an_encoder(

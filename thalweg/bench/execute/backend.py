@@ -80,13 +80,19 @@ class RiverBackend:
     """Trains on rivers, seen through a packaged encoder or by the privileged observation, and flies on them, also by
     policies that see images.
 
-    An encoder is loaded when its codes are first seen; it and the main views are loaded once.
+    An encoder is loaded when its codes are first seen; it and the main views are loaded once. To other processes and
+    machines the suite alone travels, and each loads what it needs.
     """
 
     def __init__(self, suite: Suite) -> None:
         self.suite = suite
         self._observers: dict[tuple[str, str, Camera, str], Observe | None] = {}
         self._encoders: dict[str, Encoder] = {}
+
+    def __reduce__(self) -> tuple[type["RiverBackend"], tuple[Suite]]:
+        """Return how to make the backend anew: tensors of compiled encoders cannot be pickled, and drawn rivers are
+        large."""
+        return type(self), (self.suite,)
 
     def encoder(self, run: Run) -> Encoder:
         """Return the encoder whose codes a run's policy sees."""

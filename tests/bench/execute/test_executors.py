@@ -136,39 +136,62 @@ def test_a_process_that_dies_is_a_failed_run_and_is_tried_again(tmp_path: Path, 
     assert tables(tmp_path) == one_by_one
 
 
-@pytest.mark.parametrize(("cores", "jobs", "threads"), [(7, 2, "3"), (1, 2, "1")])
-def test_processes_share_the_cores_and_this_one_keeps_its_own(
-    cores: int, jobs: int, threads: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    started: list[tuple[str | None, ...]] = []
+Numbers = tuple[str | None, ...]
+"""Values of the variables for numbers of threads, in order; None for one that is not set."""
 
-    def numbers() -> tuple[str | None, ...]:
-        return tuple(map(os.environ.get, THREAD_VARIABLES))
+
+def _numbers() -> Numbers:
+    return tuple(map(os.environ.get, THREAD_VARIABLES))
+
+
+@pytest.fixture
+def started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Numbers]:
+    """The numbers of threads that each process would inherit; a process is over as soon as it starts."""
+    started: list[Numbers] = []
 
     class Process:
-        """A process that is over as soon as it starts, and notes what it would inherit."""
-
         exitcode = 0
 
         def __init__(self, target: Any, args: Any) -> None:
             self.sender, self.run = args[:2]
 
         def start(self) -> None:
-            started.append(numbers())
-            self.sender.send(run_row(self.run, context, "over"))
+            started.append(_numbers())
+            self.sender.send(run_row(self.run, _context(tmp_path), "over"))
 
         def join(self) -> None:
             """It has ended."""
 
     spawn = SimpleNamespace(Pipe=multiprocessing.Pipe, Process=Process)
     monkeypatch.setattr(executors.multiprocessing, "get_context", lambda _: spawn)
+    return started
+
+
+def _context(folder: Path) -> ExecutionContext:
+    return ExecutionContext(SUITE, folder, SmallBackend(), Console(quiet=True))
+
+
+@pytest.mark.parametrize(("cores", "jobs", "threads"), [(7, 2, "3"), (1, 2, "1")])
+def test_processes_share_the_cores_and_this_one_keeps_its_own(
+    cores: int, jobs: int, threads: str, started: list[Numbers], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setattr(executors, "usable_cores", lambda: cores)
     monkeypatch.setenv(THREAD_VARIABLES[0], "5")
     monkeypatch.delenv(THREAD_VARIABLES[1], raising=False)
-    context = ExecutionContext(SUITE, tmp_path, SmallBackend(), Console(quiet=True))
-    rows = ProcessPoolExecutor(jobs).execute(context, [Run("train", "PPO", seed) for seed in range(3)])
+    rows = ProcessPoolExecutor(jobs).execute(_context(tmp_path), [Run("train", "PPO", seed) for seed in range(3)])
     assert sorted(row.run for row in rows) == ["PPO-0", "PPO-1", "PPO-2"]
-    assert started == [(threads, threads)] * 3 and numbers() == ("5", None)
+    assert started == [(threads, threads)] * 3 and _numbers() == ("5", None)
+
+
+@pytest.mark.parametrize(("given", "kept"), [(("2", "1"), ("2", "1")), (("0", "two"), ("3", "3"))])
+def test_processes_have_no_more_threads_than_the_user_set(
+    given: Numbers, kept: Numbers, started: list[Numbers], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(executors, "usable_cores", lambda: 6)
+    for name, value in zip(THREAD_VARIABLES, given, strict=True):
+        monkeypatch.setenv(name, str(value))
+    list(ProcessPoolExecutor(2).execute(_context(tmp_path), [Run("train", "PPO", 0)]))
+    assert started == [kept]
 
 
 @pytest.mark.slow

@@ -72,6 +72,7 @@ class SerialExecutor:
 class ProcessPoolExecutor:
     """Executes up to `jobs` runs at a time, each in a process of its own; the processes share the cores.
 
+    No process has more threads than `THREAD_VARIABLES` allow this one.
     A process that dies is a failed run. All processes end when this one does, however it ends.
     """
 
@@ -105,7 +106,8 @@ def _start(run: Run, context: ExecutionContext, threads: int) -> tuple[Connectio
     receiver, sender = spawn.Pipe(duplex=False)
     process = spawn.Process(target=_run_in_process, args=(sender, run, context.suite, context.folder, context.backend))
     before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, str(threads)))  # a spawned process reads them as it starts
+    # A spawned process reads them as it starts.
+    os.environ.update({name: _at_most(threads, value) for name, value in before.items()})
     try:
         process.start()
     finally:
@@ -114,6 +116,12 @@ def _start(run: Run, context: ExecutionContext, threads: int) -> tuple[Connectio
     sender.close()
     context.console.print(f"{run.name}: started", highlight=False)
     return receiver, process
+
+
+def _at_most(threads: int, given: str | None) -> str:
+    """Return the smaller of two numbers of threads; `given` does not count unless it is a positive number."""
+    limit = int(given) if given is not None and given.isdecimal() else 0
+    return str(min(threads, limit) if limit > 0 else threads)
 
 
 def _receive_row(receiver: Connection, run: Run, process: BaseProcess, context: ExecutionContext) -> RunRow:

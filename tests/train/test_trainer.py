@@ -124,6 +124,21 @@ def test_an_environment_without_separate_costs_is_refused_at_its_first_step():
         trained(env, steps=20, separate=True)
 
 
+class CountByKind(Count):
+    """A count whose cost is loose."""
+
+    def step(self, action: Any):
+        *rest, info = super().step(action)
+        return *rest, info | {"costs": np.array([0.0, info["cost"]])}
+
+
+def test_environments_that_all_reset_in_one_step_have_no_separate_costs_in_it():
+    env = SyncVectorEnv([lambda: CountByKind(3)] * 2, autoreset_mode=AutoresetMode.NEXT_STEP)
+    learner, _, _ = trained(env, steps=20, separate=True)
+    costs = torch.cat([seen["costs"] for seen in learner.seen])
+    assert costs[:8, 0].tolist() == [[0, 0], [0, 0], [0, 1], [0, 0], [0, 0], [0, 0], [0, 1], [0, 0]]
+
+
 def test_a_learner_with_resets_starts_every_rollout_with_new_episodes():
     learner, _, _ = trained(resets=True)
     for seen in learner.seen:

@@ -100,7 +100,9 @@ class HostCollector:
         acted, critic_obs = time.perf_counter(), self.stepper.critic_obs
         step = self.stepper.step(actions)
         after = time.perf_counter()
-        costs = costs_to_learn(learner, step.cost, step.costs)
+        # Gymnasium leaves out of `info` what no environment reports, such as costs where all only reset themselves.
+        by_kind = step.costs if step.costs is not None or step.valid.any() else np.zeros((len(step.cost), 2))
+        costs = costs_to_learn(learner, step.cost, by_kind)
         if self._buffer is None:
             self._buffer = RolloutBuffer(learner.rollout_steps, self.obs, raw, costs, self.device, critic_obs)
         self._buffer.add(self.obs, self.fresh, raw, step, costs, critic_obs)

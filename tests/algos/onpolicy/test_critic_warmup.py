@@ -120,6 +120,18 @@ def test_steps_that_only_reset_do_not_count():
     assert moved == [False, False, True]
 
 
+@pytest.mark.parametrize("name", ON_POLICY)
+def test_a_run_that_ends_before_the_policy_learns_is_warned_of(name: str):
+    learner, code = begun(name), "policy_never_learns"
+    learner.update(rollout_of(learner), FEEDBACK)
+    assert code not in learner.warnings(feedback(0.5, steps_left=2))
+    sentence = learner.warnings(feedback(0.5, steps_left=1))[code]
+    assert f"the critics warm up for the first {WARMUP} steps" in sentence and "no rollout begins after" in sentence
+    for seed in (1, 2):
+        learner.update(rollout_of(learner, seed), FEEDBACK)
+    assert code not in learner.warnings(feedback(0.5, steps_left=0))
+
+
 def test_losses_and_penalties_are_measured_meanwhile():
     """They are those of the policy as it is."""
     learner = begun("P3O", penalty=2.0)

@@ -154,6 +154,17 @@ class Agent:
         """Return the number of updates that remain after this one and after the critics' warm-up."""
         return math.ceil(max(feedback.steps_left - self._warmup_left, 0) / (self.rollout_steps * self._player.num_envs))
 
+    def warnings(self, feedback: Feedback) -> dict[str, str]:
+        """Return a warning, by a short code, if the run ends before the policy that it began with begins to learn."""
+        if not self.critics_warm_up or self._warmup_left < feedback.steps_left:
+            return {}
+        sentence = (
+            f"the critics warm up for the first {self.config.critic_warmup_steps:,} steps (critic_warmup_steps), and no"
+            " rollout begins after them, since steps that only reset an environment do not count: the policy stays what"
+            " it began with; take more steps, or lower critic_warmup_steps"
+        )
+        return {"policy_never_learns": sentence}
+
     def act(self, obs: Tensor, fresh: Tensor) -> Tensor:
         """Return raw actions [N, A] sampled from the policy, for observations float32 [N, K * D]."""
         return self._player.raw(obs, fresh)

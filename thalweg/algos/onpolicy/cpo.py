@@ -105,8 +105,8 @@ class CPO:
         }
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Return warnings about cost limits that no episode has exceeded."""
-        return limit_warnings(self.config, feedback)
+        """Return warnings about cost limits that no episode has exceeded, and a policy that never learns."""
+        return limit_warnings(self.config, feedback) | self.agent.warnings(feedback)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state()

@@ -129,9 +129,9 @@ class FOCOPS:
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Return warnings about cost limits and multipliers that have no effect in this run."""
-        remaining = self.agent.updates_left(feedback)
-        return limit_warnings(self.config, feedback) | self.multipliers.warnings(feedback, remaining)
+        """Return warnings about limits and multipliers without effect in this run, and a policy that never learns."""
+        too_slow = self.multipliers.warnings(feedback, self.agent.updates_left(feedback))
+        return limit_warnings(self.config, feedback) | too_slow | self.agent.warnings(feedback)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state() | {"multipliers": self.multipliers.state()}

@@ -84,8 +84,8 @@ class OnCRPO:
         return natural.search(step, accepts)
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Return warnings about cost limits that no episode has exceeded."""
-        return limit_warnings(self.config, feedback)
+        """Return warnings about cost limits that no episode has exceeded, and a policy that never learns."""
+        return limit_warnings(self.config, feedback) | self.agent.warnings(feedback)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state()

@@ -93,8 +93,8 @@ class PPO:
         )
 
     def warnings(self, feedback: Feedback) -> dict[str, str]:
-        """Return no warnings, because PPO has no cost limit."""
-        return {}
+        """Return a warning about a policy that never learns; PPO has no cost limit."""
+        return self.agent.warnings(feedback)
 
     def state(self) -> dict[str, Any]:
         return self.agent.state()

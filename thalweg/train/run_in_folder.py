@@ -85,8 +85,8 @@ def open_folder(
     `learner` has the version of what learns by its name, unless it is in the context.
 
     Raises `TrainingError` for the folder of another run, and for one begun with other versions than today's
-    and not finished; warns of a finished one, and if packages or threads have changed, or the source of a plug-in whose
-    version has not.
+    and not finished; warns of a finished one, and if packages, threads or the fast path have changed, or the source of
+    a plug-in whose version has not.
     """
     description = run_record.describe(identity, threads, learner)
     existing = run_record.read_config(folder)
@@ -103,8 +103,11 @@ def open_folder(
             warnings.warn(changed_source(name, str(folder), source, found), PluginWarning, stacklevel=3)
     status = run_record.read_status(folder)
     _check_made_with(folder, existing, description, finished=status.get("state") == "finished")
-    before = (existing.get("versions") or {}) | {"threads": (existing.get("machine") or {}).get("learning_threads")}
-    now = run_record.package_versions() | {"threads": threads}
+    machine, fast = existing.get("machine") or {}, description["machine"]["fast_path"]
+    # Folders begun earlier do not say whether it was on.
+    learnt = {"threads": machine.get("learning_threads"), "fast path": machine.get("fast_path", fast)}
+    before = (existing.get("versions") or {}) | learnt
+    now = run_record.package_versions() | {"threads": threads, "fast path": fast}
     if status.get("state") != "finished" and before != now:
         warnings.warn(
             f"{folder} was started with {before} and resumes with {now}: "

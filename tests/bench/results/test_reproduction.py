@@ -18,7 +18,14 @@ from thalweg.bench.results.reproduction import (
 CURVE = Table("curve", "runs/{run}/episodes.csv", ("step", "return", "cost"), steps=100)
 FLIGHTS = Table("Easy", "evaluation/{run}-Easy.csv", ("return", "cost", "success"))
 MADE = {
-    "machine": {"cpu": "A", "cpu_type": "znver5", "vector_bits": 512, "system": "Linux", "learning_threads": 1},
+    "machine": {
+        "cpu": "A",
+        "cpu_type": "znver5",
+        "vector_bits": 512,
+        "system": "Linux",
+        "learning_threads": 1,
+        "fast_path": True,
+    },
     "versions": {"numpy": "2"},
     "device": "cpu",
 }
@@ -140,9 +147,15 @@ def test_the_same_processor_packages_and_threads_leave_no_other_condition():
         ({"machine": {**MADE["machine"], "cpu_type": "znver3"}}, "cpu type znver5 there, znver3 here"),
         ({"machine": {**MADE["machine"], "vector_bits": 256}}, "vector bits 512 there, 256 here"),
         ({"machine": {**MADE["machine"], "learning_threads": 2}}, "learning threads 1 there, 2 here"),
+        ({"machine": {**MADE["machine"], "fast_path": False}}, "fast path True there, False here"),
         ({"versions": {"numpy": "3"}}, "numpy 2 there, 3 here"),
         ({"device": "cuda"}, "device cpu there, cuda here"),
     ],
 )
 def test_another_condition_is_named(changed: dict, said: str):
     assert other_conditions(MADE, {**MADE, **changed}) == [said]
+
+
+def test_a_record_from_before_the_fast_path_was_recorded_is_no_other_condition():
+    older = {**MADE, "machine": {name: value for name, value in MADE["machine"].items() if name != "fast_path"}}
+    assert other_conditions(older, MADE) == other_conditions(MADE, older) == []

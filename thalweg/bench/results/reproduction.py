@@ -21,8 +21,10 @@ SEED_DEVIATIONS = 3.0
 """Tolerance of a mean in standard deviations of the means of all seeds, where that is more."""
 PACKAGES = ("numpy", "scipy", "numba", "torch")
 """Packages of which another version may round differently."""
-PROCESSOR = ("cpu", "cpu_type", "vector_bits", "system", "learning_threads")
+PROCESSOR = ("cpu", "cpu_type", "vector_bits", "system", "learning_threads", "fast_path")
 """What the last bits depend on of a machine; some processors of several kinds have one name, such as AMD EPYC."""
+RECORDED_LATER = ("fast_path",)
+"""Of these, what older records do not have: it is no difference where either lacks it."""
 MOST_NAMED = 3
 """Number of differences of a file that are named; the others are counted."""
 
@@ -61,13 +63,13 @@ class Part:
 
 def other_conditions(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
     """Return why a run may differ in its last bits, by the content of config.yaml of both; empty for the same kind of
-    processor with the same packages and number of threads."""
+    processor with the same packages, number of threads and setting of the fast path."""
     pairs = {name: ("machine", name) for name in PROCESSOR}
     pairs |= {name: ("versions", name) for name in PACKAGES}
     found = []
     for name, (group, key) in pairs.items():
         values = [(record.get(group) or {}).get(key) for record in (there, here)]
-        if values[0] != values[1]:
+        if values[0] != values[1] and not (name in RECORDED_LATER and None in values):
             found.append(f"{name.replace('_', ' ')} {values[0]} there, {values[1]} here")
     devices = [record.get("device", "cpu") for record in (there, here)]
     return [*found, f"device {' there, '.join(devices)} here"] if devices != ["cpu", "cpu"] else found

@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from thalweg.algos.policy import fast_path
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.machine import gpu_info, machine_info, package_versions
@@ -74,15 +75,16 @@ def made_with(identity: dict[str, Any], learner: Mapping[str, int]) -> dict[str,
 
 
 def describe(identity: dict[str, Any], threads: int, learner: Mapping[str, int]) -> dict[str, Any]:
-    """Return the content of config.yaml: the run's identity, versions, device and machine; `learner` as of
-    `made_with`."""
+    """Return the content of config.yaml: the run's identity, versions, device and machine, with what the last bits
+    depend on beside it; `learner` as of `made_with`."""
     device = identity.get(DEVICE, CPU)
+    learning = {"learning_threads": threads, "fast_path": fast_path.enabled()}
     return {
         "run": identity,
         "versions": package_versions(),
         MADE_WITH: made_with(identity, learner),
         "device": device,
-        "machine": machine_info() | {"learning_threads": threads} | (gpu_info() if device == "cuda" else {}),
+        "machine": machine_info() | learning | (gpu_info() if device == "cuda" else {}),
     }
 
 

@@ -11,6 +11,7 @@ import pytest
 import torch
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
+from tests.train.small_runs import SMALL_PLANS
 from tests.train.toys import Count, Walk
 from thalweg.algos import ALGORITHMS, Entry
 from thalweg.algos.common.state import CPU
@@ -232,6 +233,11 @@ def test_a_run_warns_once_of_numbers_that_vary_but_are_ignored(settings: dict[st
         assert len(found) == 1 and "numbers of the observation, counted from 0: 2; they vary" in found[0]
         assert read_status(tmp_path)["warnings"] == {"numbers_ignored": found[0]}
     assert result.episodes > 40
+
+
+def test_a_run_of_a_planner_warns_of_them_too(tmp_path: Path):
+    with pytest.warns(UnitWarning, match="numbers of the observation, counted from 0: 2; they vary"):
+        run("CCEPETS", SmallUnits(), steps=640, seed=0, folder=tmp_path, config=SMALL_PLANS | {"frame_stack": 2})
 
 
 def test_observations_of_usual_units_give_no_such_warning(tmp_path: Path):

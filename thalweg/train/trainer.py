@@ -7,8 +7,7 @@ from typing import Any
 from thalweg.algos.common.errors import LimitWarning
 from thalweg.algos.constraint.cost_limits import ENOUGH_EPISODES
 from thalweg.algos.interface import Feedback, Learner
-from thalweg.algos.policy.normaliser import CONSTANT_STD
-from thalweg.algos.policy.policy import Policy
+from thalweg.algos.policy.normaliser import CONSTANT_STD, Normaliser
 from thalweg.core.compute.torch_threads import torch_threads
 from thalweg.train.errors import UnitWarning
 from thalweg.train.rollouts.collector import Collector
@@ -132,7 +131,8 @@ class Trainer:
 
 def overlooked_numbers(policy: Any) -> dict[str, str]:
     """Return a warning, by a short code, of numbers of the observation that vary, but that the policy ignores."""
-    if not isinstance(policy, Policy) or not (found := policy.normaliser.overlooked).any():
+    normaliser = getattr(policy, "normaliser", None)  # a plug-in's policy may have none, or another kind
+    if not isinstance(normaliser, Normaliser) or not (found := normaliser.overlooked).any():
         return {}
     numbers = sorted({index % policy.obs_size for index in found.nonzero().squeeze(-1).tolist()})
     listed = ", ".join(map(str, numbers[:MOST_LISTED])) + (" and others" if len(numbers) > MOST_LISTED else "")

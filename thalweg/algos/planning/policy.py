@@ -20,6 +20,7 @@ from thalweg.algos.planning.model.ensemble import Ensemble, FrozenEnsemble
 from thalweg.algos.planning.planner import Budget, Decision, Method, Planner
 from thalweg.algos.policy.actions import Actions
 from thalweg.algos.policy.memory import FrameStack
+from thalweg.algos.policy.normaliser import Normaliser
 from thalweg.algos.policy.player import check_obs_size, to_tensors
 from thalweg.algos.policy.policy_file import LOADERS, About, check_size, save_policy, tensors_of, whole_number
 from thalweg.core.config import parse_config
@@ -67,6 +68,11 @@ class PlannerPolicy:
     def device(self) -> torch.device:
         """Device of the model and the planner."""
         return self.ensemble.bounds.device
+
+    @property
+    def normaliser(self) -> Normaliser:
+        """Statistics of the observations that the model sees, D numbers of one frame."""
+        return self.ensemble.observed
 
     @property
     def budget(self) -> Budget:

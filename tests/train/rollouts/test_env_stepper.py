@@ -278,6 +278,20 @@ def test_a_cost_of_the_wrong_shape_is_refused():
         stream.step(np.ones((4, 2), np.int64))
 
 
+@pytest.mark.parametrize(("place", "name"), [(1, "rewards"), (2, "terminated"), (3, "truncated")])
+def test_rewards_and_ends_of_the_wrong_shape_are_refused_by_name(place: int, name: str):
+    class Column(Walk):
+        def step(self, actions: Any):
+            found = list(super().step(actions))
+            found[place] = np.zeros((4, 1), bool)
+            return tuple(found)
+
+    stream = EnvStepper(Column())
+    stream.reset(0)
+    with pytest.raises(TrainingError, match=rf"{name} of a step must have shape \(4,\), got \(4, 1\)"):
+        stream.step(np.ones((4, 2), np.int64))
+
+
 def walked(steps: int) -> tuple[EpisodeStatistics, list[Episode]]:
     """The book of eight walkers who go right, and all episodes."""
     stream, book = EnvStepper(Walk(8)), EpisodeStatistics(8, [""] * 8)

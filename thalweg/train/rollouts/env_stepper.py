@@ -99,19 +99,19 @@ class EnvStepper:
     def step(self, actions: np.ndarray) -> EnvStep:
         """Take actions [N, ...] and return their result.
 
-        Raises `NotFiniteError` for NaN or infinity in observations, rewards or costs, and `TrainingError` for an
-        environment without cost, or without the `final_obs` of a truncated episode.
+        Raises `NotFiniteError` for NaN or infinity in observations, rewards or costs, and `TrainingError` for arrays of
+        another shape, and for an environment without cost, or without the `final_obs` of a truncated episode.
         """
         obs, reward, terminated, truncated, info = self.env.step(actions)
         if self.images is not None:
             self.images.act(actions)
         next_obs, valid = self._obs(obs), ~self.pending
-        terminated = np.asarray(terminated, dtype=bool) & valid
-        truncated = np.asarray(truncated, dtype=bool) & valid & ~terminated
+        terminated = self._of_step("terminated", terminated, bool) & valid
+        truncated = self._of_step("truncated", truncated, bool) & valid & ~terminated
         done = terminated | truncated
         finished = np.flatnonzero(done)
         cost = np.where(valid, self._cost(info, done, len(finished) > 0), 0.0)
-        reward = np.where(valid, np.asarray(reward, dtype=np.float64), 0.0)
+        reward = np.where(valid, self._of_step("rewards", reward, np.float64), 0.0)
         costs = _info_value(info, "costs", done, (self.num_envs, self._kinds))
         costs = None if costs is None else np.where(valid[:, None], costs, 0.0)
         self._require_finite(reward=reward, cost=cost)
@@ -206,6 +206,13 @@ class EnvStepper:
             expected = (self.num_envs, *self._shape)
             raise TrainingError(f"observations have shape {array.shape}, but the observation space says {expected}")
         self._require_finite(moment, observation=array)
+        return array
+
+    def _of_step(self, name: str, values: Any, kind: type) -> np.ndarray:
+        """Return values [N] of a step as numbers of a kind; raises `TrainingError` for another shape."""
+        array = np.asarray(values, dtype=kind)
+        if array.shape != (self.num_envs,):
+            raise TrainingError(f"{name} of a step must have shape {(self.num_envs,)}, got {array.shape}")
         return array
 
     def _cost(self, info: dict[str, Any], done: np.ndarray, any_done: bool) -> np.ndarray:

@@ -32,6 +32,7 @@ from thalweg.train.rollouts.tensor_collector import TensorEnv, make_collector
 from thalweg.train.run_in_folder import (
     RunResult,
     check_numbers,
+    check_seconds,
     initialise_policy,
     open_folder,
     policy_file,
@@ -124,9 +125,10 @@ def run(
     resolved = configured(entry, config, preset, getattr(env, "num_envs", 1), how.begin_with)
     given, resolved = resolved, with_declared_bounds(resolved, env)
     steps, threads, seed = check_numbers(steps=(steps, 1), threads=(how.threads, 1), seed=(seed, 0))
+    check_seconds(checkpoint_seconds=how.checkpoint_seconds)
     how = replace(how, threads=threads)
-    device, context = torch.device(resolve_device(how.device)), {**(context or {}), **made_by(entry)}
-    run_record.check_context(context)
+    context = _whole_context(context, entry)
+    device = torch.device(resolve_device(how.device))
     if how.graphs:
         _check_graphs(entry, device)
     images = sees_images(resolved)
@@ -177,6 +179,16 @@ def configured(entry: Entry, config: Any, preset: str, num_envs: int, begin_with
     resolved = entry.configure(config, preset, num_envs)
     check_cost_episodes(resolved, num_envs)
     return resolved
+
+
+def _whole_context(context: Mapping[str, Any] | None, entry: Entry) -> dict[str, Any]:
+    """Return a context with the plug-in that the algorithm is, if any; raises `TrainingError` for what is no mapping,
+    and see `check_context`."""
+    if context is not None and not isinstance(context, Mapping):
+        raise TrainingError(f"context must be a mapping, or None for an empty one, got {context!r:.60}")
+    whole = {**(context or {}), **made_by(entry)}
+    run_record.check_context(whole)
+    return whole
 
 
 def _version_of(entry: Entry) -> dict[str, int]:

@@ -1,6 +1,7 @@
 """A run in its folder: opened or resumed, trained to its end, and its result."""
 
 import math
+import numbers
 import operator
 import warnings
 from collections.abc import Mapping
@@ -63,10 +64,10 @@ class RunResult:
         return load_policy(self.folder)
 
 
-def check_numbers(**numbers: tuple[Any, int]) -> tuple[int, ...]:
+def check_numbers(**given: tuple[Any, int]) -> tuple[int, ...]:
     """Return the numbers of pairs (number, minimum) as Python's integers, in order; raises `TrainingError` for one that
     is not whole, below its minimum, or beyond 64 bits or the maximum in `MOST`."""
-    for name, (number, minimum) in numbers.items():
+    for name, (number, minimum) in given.items():
         if isinstance(number, bool | np.bool_) or not hasattr(number, "__index__"):
             raise TrainingError(f"{name} must be a whole number, got {number!r:.60}")
         if number < minimum:
@@ -74,7 +75,15 @@ def check_numbers(**numbers: tuple[Any, int]) -> tuple[int, ...]:
             raise TrainingError(f"{name} must {required}, got {number}")
         if number > (most := MOST.get(name, MAX_SEED)):
             raise TrainingError(f"{name} must be at most {most}, got {number}")
-    return tuple(operator.index(number) for number, _ in numbers.values())
+    return tuple(operator.index(number) for number, _ in given.values())
+
+
+def check_seconds(**times: Any) -> None:
+    """Raise `TrainingError` for a time in seconds that is not a finite number of at least 0."""
+    for name, seconds in times.items():
+        is_number = isinstance(seconds, numbers.Real) and not isinstance(seconds, bool)
+        if not (is_number and 0.0 <= seconds < math.inf):
+            raise TrainingError(f"{name} must be a finite number of at least 0, got {seconds!r:.60}")
 
 
 def open_folder(

@@ -39,6 +39,7 @@ from thalweg.train.rollouts.episodes import Episode, EpisodeStatistics
 from thalweg.train.run_in_folder import (
     RunResult,
     check_numbers,
+    check_seconds,
     open_folder,
     result_of,
     train_to_end,
@@ -84,6 +85,7 @@ class Cloning:
 
     def _with_whole_numbers(self) -> "Cloning":
         """Return the same with Python's integers, which files can hold; raises `TrainingError` for other numbers."""
+        check_seconds(checkpoint_seconds=self.checkpoint_seconds)
         numbers = {"steps": (self.steps, 1), "sequences": (self.sequences, 1), "seed": (self.seed, 0)}
         if self.threads is not None:
             numbers["threads"] = (self.threads, 1)

@@ -35,6 +35,7 @@ from thalweg.train.river import announce_build, banks_version, print_once
 from thalweg.train.run_in_folder import (
     RunResult,
     check_numbers,
+    check_seconds,
     open_folder,
     result_of,
     train_to_end,
@@ -84,6 +85,7 @@ class Imitation:
 
     def _with_whole_numbers(self) -> "Imitation":
         """Return the same with Python's integers, which files can hold; raises `TrainingError` for other numbers."""
+        check_seconds(checkpoint_seconds=self.checkpoint_seconds)
         numbers = {"steps": (self.steps, 1), "num_envs": (self.num_envs, 1), "seed": (self.seed, 0)}
         for name in ("threads", "rivers_in_memory"):
             if (number := getattr(self, name)) is not None:

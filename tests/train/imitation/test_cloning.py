@@ -142,6 +142,18 @@ def test_an_interrupted_run_resumes_to_the_same_numbers(
     assert torch.equal(*flat)
 
 
+def test_a_run_is_known_by_the_content_of_its_recordings_and_not_by_the_names_of_their_folders(tmp_path: Path):
+    folder = recorded(tmp_path / "flights", flight(20))
+    began = Cloning(tmp_path / "run", [folder], steps=16, sequences=4, settings=SMALL, threads=1)
+    began.run()
+    moved = replace(began, recordings=[folder.rename(tmp_path / "elsewhere")])
+    assert moved.run().already_finished
+    assert description_of(tmp_path / "run")["run"]["context"]["recordings"] == ["flights"]
+    other = replace(began, recordings=[recorded(tmp_path / "flights", flight(20, seed=1))])
+    with pytest.raises(TrainingError, match="recorded_digest"):
+        other.run()
+
+
 def test_a_run_on_a_gpu_is_recorded_and_resumed_there_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     class Reached(Exception):
         """The student would learn."""

@@ -27,6 +27,9 @@ ENCODER_PLUGIN = "encoder_plugin"
 """Key of a context: version and source of the plug-in that the encoder is, known by name and version."""
 TASK_PLUGIN = "task_plugin"
 """Key of a context: version and source of the plug-in that the task is."""
+RECORDINGS, RECORDED_DIGEST = "recordings", "recorded_digest"
+"""Keys of a context: names of the folders of the recordings that were learnt from, and the hash of their content,
+which is their identity."""
 PLUGINS = (PLUGIN, ENCODER_PLUGIN, TASK_PLUGIN)
 """Keys of a context for plug-ins: the algorithm, the encoder and the task."""
 MADE_WITH = "made_with"
@@ -151,7 +154,8 @@ def read_context(folder: Path) -> dict[str, Any]:
 def require_same(folder: Path, recorded: dict[str, Any], requested: dict[str, Any]) -> None:
     """Raise `TrainingError` naming the first differences between the folder's run and the requested one.
 
-    The hash of an encoder is its identity; where its file lies is none. A plug-in's is its version; its source is none.
+    The hash of an encoder is its identity; where its file lies is none. So it is with recordings. A plug-in's is its
+    version; its source is none.
     """
     RUN_FOLDER.require_same(folder, _identity(recorded), _identity(_as_read_from_yaml(requested)))
 
@@ -215,10 +219,12 @@ def _is_finite(value: Any) -> bool:
 
 
 def _identity(run: dict[str, Any]) -> dict[str, Any]:
-    """Return what identifies a run: without the place of its encoder's file and the sources of its plug-ins."""
+    """Return what identifies a run: without the places of its encoder's file and its recordings, and the sources of its
+    plug-ins."""
     if not isinstance(context := run.get("context"), dict):
         return run
-    kept = {key: value for key, value in context.items() if key != ENCODER_FILE}
+    places = (ENCODER_FILE, RECORDINGS) if RECORDED_DIGEST in context else (ENCODER_FILE,)
+    kept = {key: value for key, value in context.items() if key not in places}
     for plugin in (key for key in PLUGINS if key in kept):
         kept[plugin] = {key: value for key, value in kept[plugin].items() if key != "source"}
     return {**run, "context": kept}

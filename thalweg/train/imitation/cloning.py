@@ -29,7 +29,7 @@ from thalweg.env.task.bird_eye import COLUMNS, ROWS
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION
 from thalweg.train.errors import TrainingError
-from thalweg.train.folder.run_record import device_identity
+from thalweg.train.folder.run_record import RECORDED_DIGEST, RECORDINGS, device_identity
 from thalweg.train.imitation.flights import lesson_of
 from thalweg.train.imitation.mask_noise import corrupt
 from thalweg.train.imitation.mirroring import mirror
@@ -56,7 +56,7 @@ class Cloning:
     folder: Path
     """Folder of the run; an interrupted one is resumed."""
     recordings: Sequence[Path]
-    """Folders of recordings, see `thalweg.datasets`."""
+    """Folders of recordings, see `thalweg.datasets`; their names are recorded, but do not distinguish runs."""
     steps: int
     """Number of recorded steps to learn from; a step counts each time it is drawn."""
     seed: int = 0
@@ -128,10 +128,10 @@ class Cloning:
             "render_version": RENDER_VERSION,
             "imitation_version": versions.IMITATION,
             "env": EnvConfig(observation=config.observation).as_data(),
-            "recordings": [folder.name for folder in self.recordings],
+            RECORDINGS: [folder.name for folder in self.recordings],
             "recorded_flights": flights.count,
             "recorded_steps": len(flights.first),
-            "recorded_digest": flights.digest.hexdigest()[:16],
+            RECORDED_DIGEST: flights.digest.hexdigest()[:16],
         }
         return {
             "algorithm": ALGORITHM,

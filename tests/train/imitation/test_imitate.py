@@ -390,6 +390,12 @@ def test_wrong_arguments_are_refused_by_name(options: dict, error: type[Exceptio
         imitation(tmp_path / "run", **options).run()
 
 
+def test_no_seeds_are_refused_before_the_folder_is_created(tmp_path: Path):
+    with pytest.raises(TrainingError, match="world_seeds must be at least one seed, such as 1000:1064"):
+        imitation(tmp_path / "run", world_seeds=()).run()
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_folder_of_another_run_is_refused(tmp_path: Path):
     imitation(tmp_path / "run", steps=8).run()
     with pytest.raises(TrainingError, match="seed"):

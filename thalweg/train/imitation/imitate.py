@@ -168,13 +168,15 @@ class Imitation:
             check_teacher(ground, seeds, rules, flown_by(teacher))
 
     def _check(self, grounds: Sequence[Level | Reach], seeds: Sequence[int]) -> None:
-        """Raise `TrainingError` for levels that are missing or given twice, for unseen rivers of levels, and for a real
-        river without seeds; `WorldError` for a file from which no river can be made."""
+        """Raise `TrainingError` for levels that are missing or given twice, for no seeds, and for unseen rivers of
+        levels; `WorldError` for a file from which no river can be made."""
         if self.river is not None:
             self.river.check()
         names = [ground.name for ground in grounds]
         if not names or len(set(names)) < len(names):
             raise TrainingError(f"levels must be at least one, each once, not {', '.join(names) or 'none'}")
+        if not seeds:
+            raise TrainingError("world_seeds must be at least one seed, such as 1000:1064")
         if self.river is None:
             refuse_unseen(seeds, "world_seeds", TrainingError)
 

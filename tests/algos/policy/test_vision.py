@@ -155,6 +155,13 @@ def test_a_file_gives_the_same_actions(memory: int, tmp_path: Path):
         assert np.array_equal(before(images(2, step), fresh), after(images(2, step), fresh))
 
 
+def test_a_player_keeps_no_image_also_not_of_an_older_state():
+    made = policy(memory=4).player(2, deterministic=True)
+    assert made.state()["frames"].size == 0
+    made.load_state(made.state() | {"frames": np.zeros((2, 1, made.policy.obs_size), np.float32)})
+    assert made.state()["frames"].size == 0
+
+
 def test_a_player_resumes_from_its_state():
     made = policy()
     player, other = made.player(2, deterministic=True), made.player(2, deterministic=True)

@@ -46,8 +46,9 @@ class FrameStack:
         return array_of(self._last)
 
     def load_state(self, state: np.ndarray) -> None:
-        """Restore what `state` returned."""
-        self._last = tensor_of(state, self._last.device)
+        """Restore what `state` returned; of a single frame, which is never read, nothing."""
+        if self.frames > 1:
+            self._last = tensor_of(state, self._last.device)
 
 
 @dataclass(frozen=True)

@@ -49,11 +49,13 @@ class NetworkPlayer:
         self.policy, self.deterministic, self.generator = policy, deterministic, generator
         self.num_envs = num_envs
         self._size = policy.obs_size * (policy.frames if stacked else 1)
-        self._stack = FrameStack(num_envs, policy.obs_size, 1 if stacked else policy.frames, policy.device)
+        eyes, frames = policy.shape.eyes, 1 if stacked else policy.frames
+        # A single frame is never read; of images it would take megabytes of every checkpoint.
+        kept = 0 if eyes is not None and frames == 1 else policy.obs_size
+        self._stack = FrameStack(num_envs, kept, frames, policy.device)
         gru = policy.actor.gru
         self.hidden = gru.start(num_envs) if gru is not None else None
         """[N, M] recurrent state after the last observation."""
-        eyes = policy.shape.eyes
         self._rows = None if eyes is None else ImageRows(num_envs, eyes.image, policy.actions.count)
         self._seen: tuple[Tensor, Tensor | None] | None = None
         """What the network was last given [N, K * D], and the parameters that it returned, if it was asked."""

@@ -20,6 +20,8 @@ MAX_NAMED = 4
 """Maximum number of differences, or of files, that a message names."""
 CHECKPOINT = "checkpoint.safetensors"
 """File from which the training of an encoder, or of a finder of water, resumes."""
+DEVICE, CPU = "device", "cpu"
+"""Key of a record for the kind of device that is learnt on, and the kind that a record without it stands for."""
 LOCK = ".lock"
 """File of a folder that a command holds; the system frees it when the process ends, however it ends."""
 WAIT_S = 0.5

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from thalweg.core.run_folder import FolderKind
+from thalweg.core.run_folder import CPU, DEVICE, FolderKind
 from thalweg.encoder.files import FORMAT, EncoderFileError, read_tensors, write_tensors
 
 ADAM = "adam."
@@ -18,8 +18,6 @@ OPTIONAL = ("camera", "quality", "randomise", "world_seeds")
 """What a run may say of its frames; it is absent where they are as usual."""
 LATER = ("level", "world_seeds", "river")
 """What trainings of autoencoders say of their rivers; older ones said nothing."""
-DEVICE, CPU = "device", "cpu"
-"""Kind of the device that a training learns on; without a record it is the CPU."""
 VERSION = "_version"
 """Ending of the keys of versions in what a run says of itself."""
 Row = dict[str, float | None]

@@ -20,9 +20,10 @@ from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.compute.device import resolve_device
 from thalweg.core.config import to_plain
+from thalweg.core.run_folder import DEVICE
 from thalweg.core.seeds import compact_seeds, parse_seeds
 from thalweg.encoder import Encoder, EncoderInputError, load_encoder, sides
-from thalweg.encoder.checkpoint import DEVICE, check_folder, require_same_run
+from thalweg.encoder.checkpoint import check_folder, require_same_run
 from thalweg.encoder.files import FILE, load_model
 from thalweg.encoder.geometry import GeometryConfig, Scale
 from thalweg.encoder.geometry_training import GEOMETRY_FOLDER, Labelled, train_geometry, write_geometry

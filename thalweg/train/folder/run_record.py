@@ -13,7 +13,7 @@ from thalweg.algos.policy import fast_path
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.machine import gpu_info, machine_info, package_versions
-from thalweg.core.run_folder import FolderKind
+from thalweg.core.run_folder import CPU, DEVICE, FolderKind
 from thalweg.core.yaml12 import load
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.checkpoint import SEPARATOR
@@ -48,8 +48,6 @@ MAPPINGS = (
 """Parts of config.yaml that are mappings where they are there."""
 STATUS_NUMBERS = ("steps", "episodes", "return_mean", "cost_mean", "cost_rate", "seconds")
 """Numbers of status.json, null where there is none."""
-DEVICE, CPU = "device", "cpu"
-"""Key of an identity for the kind of device that a run learns on, and the kind that is not recorded."""
 RUN_FOLDER = FolderKind("run", CONFIG, TrainingError, ignores_hidden=True)
 
 

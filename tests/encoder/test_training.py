@@ -21,6 +21,7 @@ from thalweg.encoder import (
     reconstruction_mse,
     train_encoder,
 )
+from thalweg.encoder.files import read_tensors, write_tensors
 from thalweg.encoder.training import ENCODER_FOLDER, _State, epoch_generator, resolve_precision
 
 CONFIG = VAEConfig(latent=6, size_px=64)
@@ -140,6 +141,27 @@ def test_another_run_in_the_folder_is_refused(images, tmp_path):
         train(images, tmp_path, epochs=1, seed=8)
     with pytest.raises(EncoderFileError, match=r"images_hash is '\w+' there and '\w+' here\. Choose another folder"):
         train(images[::-1], tmp_path, epochs=1)
+
+
+def _change_run(folder, change) -> None:
+    """Change what the run in a checkpoint says of itself."""
+    path = folder / "checkpoint.safetensors"
+    tensors, about = read_tensors(path, ENCODER_FOLDER.owner)
+    change(about["run"])
+    write_tensors(path, tensors, about)
+
+
+def test_a_training_on_another_kind_of_device_is_refused(images, tmp_path):
+    train(images, tmp_path, epochs=1)
+    _change_run(tmp_path, lambda run: run.update(device="cuda"))
+    with pytest.raises(EncoderFileError, match="device is 'cuda' there and 'cpu' here"):
+        train(images, tmp_path, epochs=1)
+
+
+def test_a_training_from_before_devices_were_recorded_resumes_on_the_cpu(images, tmp_path):
+    train(images, tmp_path, epochs=1)
+    _change_run(tmp_path, lambda run: run.pop("device"))
+    assert len(train(images, tmp_path, epochs=1).rows) == 1
 
 
 def test_a_damaged_checkpoint_is_refused(images, tmp_path):

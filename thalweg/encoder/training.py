@@ -27,7 +27,7 @@ from thalweg.core.compute.torch_threads import default_torch_threads, torch_thre
 from thalweg.core.config import to_plain
 from thalweg.core.machine import package_version
 from thalweg.core.notices import notice
-from thalweg.core.run_folder import CHECKPOINT, FolderKind
+from thalweg.core.run_folder import CHECKPOINT, DEVICE, FolderKind
 from thalweg.encoder.checkpoint import ANEW, Row, read_checkpoint, resume_state, save_state, state_tensors
 from thalweg.encoder.files import FILE, EncoderFileError, load_model, save_vae
 from thalweg.encoder.reconstruction import check_images, mean_image_mse, reconstruction_mse, to_batch
@@ -99,8 +99,8 @@ def train_encoder(
     `images` may be a function that returns them, which is called once the folder is held by this process, if drawing
     them takes long. `held_out` images, drawn by `seed`, are only measured. `precision` is "float32", "bfloat16" or
     "auto": bfloat16 where the machine has instructions for it. `identity` describes the images: a folder of others is
-    refused. Raises `EncoderInputError` for images or settings that don't fit, and `EncoderFileError` when the folder
-    holds another run or a damaged checkpoint, or another process is at it.
+    refused, as is one begun on another kind of `device`. Raises `EncoderInputError` for images or settings that don't
+    fit, and `EncoderFileError` when the folder holds another run or a damaged checkpoint, or another process is at it.
     """
     if isinstance(images, np.ndarray):
         check_images(images, config, held_out)
@@ -120,6 +120,7 @@ def train_encoder(
             "images": len(images),
             "images_hash": hashlib.sha256(np.ascontiguousarray(images).data).hexdigest()[:16],
             "precision": precision,
+            DEVICE: torch.device(device).type,
             "encoder_version": versions.ENCODER,
             **(identity or {}),
         }

@@ -57,7 +57,7 @@ class Agent:
             task.num_envs, config.action_repeat, drop_terminal=config.drop_terminal, device=task.device
         )
         self._steps, self._reported_at = 0, 0
-        self._metrics = MeanMetrics()
+        self._metrics = PlannerMetrics()
         self._last_value = math.nan
 
     @property
@@ -222,8 +222,8 @@ class Agent:
         self.policy.refresh()
 
 
-class MeanMetrics:
-    """Running means of metrics; the sums stay on their device, so that adding to them needs no synchronisation."""
+class PlannerMetrics:
+    """Running means of a planner's metrics; their sums stay on the device, so that adding needs no synchronisation."""
 
     def __init__(self) -> None:
         self._sums: dict[str, Tensor] = {}

@@ -237,6 +237,13 @@ def test_the_command_names_its_own_option_where_the_number_of_sequences_is_wrong
     assert "--num-envs must be at least 1" in capsys.readouterr().err
 
 
+def test_a_time_between_checkpoints_that_is_none_is_refused_before_the_folder_is_created(tmp_path: Path):
+    wrong = Cloning(tmp_path / "run", (tmp_path,), steps=16, checkpoint_seconds=float("nan"))
+    with pytest.raises(TrainingError, match="checkpoint_seconds must be a finite number of at least 0, got nan"):
+        wrong.run()
+    assert not (tmp_path / "run").exists()
+
+
 def test_the_command_refuses_options_of_flights(tmp_path: Path, capsys: pytest.CaptureFixture):
     options = ["--recordings", str(tmp_path), "--out", str(tmp_path / "run")]
     assert main(["imitate", *options, "--levels", "Easy"]) == 2

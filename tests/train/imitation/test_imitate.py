@@ -373,6 +373,11 @@ def test_numbers_of_numpy_make_the_same_run(tmp_path: Path):
         ({"rivers_in_memory": 0}, TrainingError, "rivers_in_memory must be at least 1, got 0"),
         ({"num_envs": 0}, TrainingError, "num_envs must be at least 1, got 0"),
         ({"threads": 0}, TrainingError, "threads must be at least 1, got 0"),
+        (
+            {"checkpoint_seconds": -1.0},
+            TrainingError,
+            "checkpoint_seconds must be a finite number of at least 0, got -1",
+        ),
         ({"levels": ()}, TrainingError, "at least one, each once, not none"),
         ({"levels": ("easy", "Easy")}, TrainingError, "each once, not Easy, Easy"),
         ({"settings": {"sequense": 4}}, AlgorithmError, "sequense"),

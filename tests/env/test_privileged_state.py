@@ -10,6 +10,7 @@ from tests.env.task.test_termination import bridge_at
 from tests.render.plain import plane
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.env.config import DEFAULT_CONFIG
+from thalweg.env.initial_poses import UnsafePoseError
 from thalweg.env.privileged_state import privileged_state
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.ideal_eye import FEATURES, RANGE_M
@@ -59,3 +60,11 @@ def test_at_every_start_they_agree_with_the_rules(medium_world: World):
     assert (np.minimum(left, right) > DEFAULT_CONFIG.start_clearance_m - 0.3).all()
     assert (np.abs(error) <= math.radians(DEFAULT_CONFIG.start_heading_deg) + 1e-6).all()
     assert ((height >= DEFAULT_CONFIG.min_height_m - 1e-5) & (height <= DEFAULT_CONFIG.max_height_m + 1e-5)).all()
+
+
+def test_a_pose_that_is_not_finite_is_refused_by_its_row():
+    poses = np.array([[2.0, 1.5, 4.0, 0.3], [2.0, 1.5, math.nan, 0.3]])
+    with pytest.raises(
+        UnsafePoseError, match=r"four finite numbers x, y, z, yaw, not \[2.0, 1.5, nan, 0.3\] \(row 1\)"
+    ):
+        privileged_state(plane(), poses)

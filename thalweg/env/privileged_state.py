@@ -7,16 +7,21 @@ import numpy as np
 
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import DEFAULT_CONFIG, EnvConfig
-from thalweg.env.initial_poses import project_anywhere, travel_direction
+from thalweg.env.initial_poses import UnsafePoseError, project_anywhere, travel_direction
 from thalweg.env.task.course_arrays import pack_courses
 from thalweg.env.task.ideal_eye import FEATURES, see_all
 from thalweg.world.record import World
 
 
 def privileged_state(world: World, poses: np.ndarray, config: EnvConfig = DEFAULT_CONFIG) -> np.ndarray:
-    """Return what the ideal eye sees [K, FEATURES] float32 from poses [K, 4] (x, y, z in metres, yaw in radians)."""
-    courses = pack_courses([world], config)
+    """Return what the ideal eye sees [K, FEATURES] float32 from poses [K, 4] (x, y, z in metres, yaw in radians).
+
+    Raises `UnsafePoseError` for a pose that is not finite.
+    """
     given, count = np.ascontiguousarray(poses, np.float64), len(poses)
+    for row in np.flatnonzero(~np.isfinite(given).all(axis=1)):
+        raise UnsafePoseError(f"a pose is four finite numbers x, y, z, yaw, not {given[row].tolist()} (row {row})")
+    courses = pack_courses([world], config)
     segment, travel = np.empty(count, np.int64), np.empty(count, np.int64)
     _place_all(courses, given, segment, travel)
     seen = np.empty((count, len(FEATURES)), np.float32)

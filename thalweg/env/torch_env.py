@@ -211,8 +211,8 @@ class TensorRiverEnv:
         info, with the ends of `RiverVectorEnv.step`.
 
         Raises `ActionError` for another shape, type or device, and on the CPU for values out of range. A GPU clips
-        those, because checking them would make the host wait. Raises `gymnasium.error.ResetNeeded` before the first
-        reset.
+        those, and takes NaN as no move, because checking them would make the host wait. Raises
+        `gymnasium.error.ResetNeeded` before the first reset.
         """
         unit_actions = self._unit_actions(actions)
         if not self._started:

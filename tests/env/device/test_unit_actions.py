@@ -37,6 +37,15 @@ def test_actions_are_those_of_arrays_clipped_to_the_range(
     assert torch.equal(actions, given)
 
 
+@pytest.mark.parametrize("ratio", [0.0, 2.5])
+def test_nan_is_no_move(ratio: float):
+    actions = torch.full((2, 4), 0.25)
+    actions[0] = torch.nan
+    actions[1, 2] = torch.nan
+    found = tensor_unit_actions("continuous", actions, 2, ratio)
+    assert found.tolist() == [[0.0, 0.0, 0.0, 0.0], [0.25, 0.25, 0.0, 0.25]]
+
+
 def test_doubles_are_no_memory_of_the_caller():
     actions = torch.zeros(N, 4, dtype=torch.float64)
     tensor_unit_actions("continuous", actions, N, 2.0)[:] = 0.5

@@ -11,7 +11,8 @@ from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.env import RiverEnv
 from thalweg.env.privileged_state import privileged_state
 from thalweg.env.task.course_arrays import nearest_arcs, pack_courses
-from thalweg.env.task.ideal_eye import BEHIND_M, FEATURES, POINTS_M, RANGE_M, see_all
+from thalweg.env.task.ideal_eye import BEHIND_M, FEATURES, POINTS_M, RANGE_M, point_ahead, see_all
+from thalweg.env.task.progress import Projection
 from thalweg.world import World
 
 CONFIG = EnvConfig(observation="privileged")
@@ -150,3 +151,9 @@ def test_the_last_observation_of_an_episode_is_its_own(medium_world: World):
         last = info["final_obs"][row]
         assert last[3] != observations[row, 3] or last[1] != observations[row, 1]
         assert last[3] == pytest.approx(privileged_state(medium_world, poses[row : row + 1])[0, 3], abs=1e-5)
+
+
+def test_the_search_ahead_of_nan_ends_where_it_begins():
+    # On a loop, where no course ends, it would go on for ever.
+    courses = pack_courses([canal(60.0)], CONFIG)
+    assert point_ahead(courses, 0, Projection(3, math.nan, 0.0), 1, 2.0).segment == 3

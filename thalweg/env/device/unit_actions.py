@@ -9,7 +9,7 @@ from thalweg.env.task.motion import ROUNDING
 
 def tensor_unit_actions(kind: str, actions: Tensor, count: int, fast_ratio: float = 0.0) -> Tensor:
     """Return actions [N, 4] of the space as unit actions [N, 4] float64 on their device, where values out of range are
-    clipped, because checking them would make the host wait.
+    clipped and NaN is no move, because checking them would make the host wait.
 
     The arguments are those of `to_unit_actions`. Raises `ActionError` for a wrong shape or type.
     """
@@ -22,7 +22,7 @@ def tensor_unit_actions(kind: str, actions: Tensor, count: int, fast_ratio: floa
         return (1.0 - actions.double()).clamp(-1.0, 1.0).contiguous()
     if not (integers or actions.is_floating_point()):
         raise ActionError(f"actions have type {actions.dtype}; continuous actions are numbers in -1..1")
-    units = actions.double().clamp(-1.0, 1.0)
+    units = actions.double().clamp(-1.0, 1.0).nan_to_num(nan=0.0)
     if fast_ratio:
         share = units[:, FORWARD].clamp(min=0.0)
         steps = share * fast_ratio

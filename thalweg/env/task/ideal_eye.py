@@ -146,13 +146,14 @@ def arc_length(courses, world, projection):
 
 @kernel(fastmath=False, allocates=False)
 def point_ahead(courses, world, projection, travel, metres):
-    """Return the `Projection` that lies so many metres further in the direction of travel, or the end of the course."""
+    """Return the `Projection` that lies so many metres further in the direction of travel, or the end of the course;
+    from a fraction that is NaN, one of NaN."""
     segment = projection.segment
     fraction = projection.fraction
     while True:
         length = segment_length(courses, world, segment)
         left = (1.0 - fraction if travel > 0 else fraction) * length
-        if metres <= left:
+        if not metres > left:  # NaN ends the search too, which would never end on a loop
             return Projection(segment, fraction + travel * metres / length, 0.0)
         following = segment_at_offset(courses, world, segment, travel)
         if following < 0:

@@ -227,14 +227,15 @@ class TensorRiverEnv:
         return {name: self._tensors[name].cpu().numpy().copy() for name in self._state_names} | self._identity
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
-        """Restore a state of `get_state`; raises `StateError` before anything changes if it does not fit."""
+        """Restore a state of `get_state`; raises `StateError` before anything changes if it does not fit. After a state
+        from before the first reset, a reset is needed."""
         snapshot.check_arrays(state, self.get_state())
         snapshot.check_values(state, self._segments.cpu().numpy(), self._wrong(state))
         check_forces(state)
         for name in self._state_names:
             self._tensors[name].copy_(torch.from_numpy(np.array(state[name])))
         self._observer.turn()
-        self._started = True
+        self._started = bool((np.asarray(state["episode"]) > 0).all())
 
     def observe(self) -> Any:
         """Return the observations of the current state, as `step` does; for use after `set_state`.

@@ -1,10 +1,14 @@
-"""Environments of tensors: what they make of states from before a reset."""
+"""Environments of tensors: what they make of states from before a reset, and of PyTorch's default type."""
+
+from collections.abc import Iterator
 
 import gymnasium
+import numpy as np
 import pytest
 import torch
 
 from tests.render.plain import plane
+from thalweg.env import RiverVectorEnv
 from thalweg.env.config import EnvConfig
 from thalweg.env.torch_env import TensorRiverEnv
 
@@ -21,3 +25,35 @@ def test_a_state_from_before_the_first_reset_leaves_a_reset_to_be_done():
     env.set_state(fresh)
     with pytest.raises(gymnasium.error.ResetNeeded, match=r"call reset\(\) before step\(\)"):
         env.step(torch.ones(N, 4, dtype=torch.int64))
+
+
+@pytest.fixture
+def coarse() -> Iterator[None]:
+    """A default type of PyTorch with 8 bits of precision."""
+    usual = torch.get_default_dtype()
+    torch.set_default_dtype(torch.bfloat16)
+    yield
+    torch.set_default_dtype(usual)
+
+
+def ahead(env: TensorRiverEnv) -> dict[str, torch.Tensor]:
+    """The info after three steps forward."""
+    env.reset(seed=2)
+    forward = torch.tensor([[1, 1, 0, 1]] * N)
+    return [env.step(forward)[4] for _ in range(3)][-1]
+
+
+def test_progress_does_not_depend_on_the_default_type_of_pytorch(coarse: None):
+    env = made()
+    info, visited = ahead(env), env.get_state()["visited_count"]
+    np.testing.assert_array_equal(info["progress"].double().numpy(), visited / env.worlds[0].river.segments)
+
+
+def test_what_critics_see_of_an_episode_does_not_depend_on_the_default_type_of_pytorch(coarse: None):
+    env = made(observation="privileged", critic_info=True)
+    told, state = ahead(env)["critic_obs"].numpy(), env.get_state()
+    arrays = RiverVectorEnv(plane(), N, env.config)
+    limits = env.worlds[0].river.segments, env.config.max_idle_steps, arrays.courses.max_steps[0]
+    counts = state["visited_count"], state["idle"], state["steps"]
+    expected = np.stack([count / limit for count, limit in zip(counts, limits, strict=True)], 1)
+    np.testing.assert_array_equal(told, expected.astype(np.float32))

@@ -36,6 +36,7 @@ from thalweg.env.spaces import ActionError, action_space, observation_space, to_
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
 from thalweg.env.task.priced.station import greatest_ways
+from thalweg.env.task.progress_share import share_gained
 from thalweg.env.task.proprioception import no_last_step
 from thalweg.env.task.rules import TASK_STATE, Outcome, State, empty_outcome, empty_state
 from thalweg.env.task.termination import terminated_and_truncated
@@ -328,10 +329,10 @@ class TensorRiverEnv:
         return self._blowing.clone()
 
     def _progress(self) -> Tensor:
-        """Return the share [N] of the course that was visited, or that was gained towards the station."""
+        """Return the share [N] float64 of the course that was visited, or that was gained towards the station."""
         if self.config.task_record.portage:
-            return (1.0 - self._tensors["way"] / self._greatest_way).clamp(0.0, 1.0)
-        return self._tensors["visited_count"] / self._segments
+            return share_gained(self._tensors["way"], self._greatest_way)
+        return self._tensors["visited_count"].double() / self._segments
 
     def _critic_obs(self) -> Tensor:
         """Return what critics may see beside the observations of the current state [N, C] float32."""
@@ -340,8 +341,8 @@ class TensorRiverEnv:
         write_progress(
             told,
             (self._progress(), 1.0),
-            (tensors["idle"], self.config.max_idle_steps),
-            (tensors["steps"], self._max_steps),
+            (tensors["idle"].double(), self.config.max_idle_steps),
+            (tensors["steps"].double(), self._max_steps),
         )
         if told.shape[1] > len(PROGRESS):
             told[:, len(PROGRESS) :] = self._observer.see()

@@ -40,7 +40,8 @@ def critic_space(observation: str | tuple[str, ...], task: str = "River", vehicl
 def write_progress(out: Any, visited: Any, idle: Any, steps: Any) -> None:
     """Write the columns `PROGRESS` of out [M, C] float32.
 
-    Each of the others is a pair of a count [M] int64 and its limit, a number or [M] int64; all arrays, or all tensors.
+    Each of the others is a pair of a count [M] and its limit, a number or [M]; all arrays, or all tensors. Counts of
+    tensors are float64: the quotient of integers has PyTorch's default type.
     """
     for column, (count, limit) in enumerate((visited, idle, steps)):
         out[:, column] = count / limit

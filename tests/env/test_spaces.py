@@ -1,12 +1,14 @@
 """Tests of the words for moves against the moves themselves."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
+import torch
 
 from thalweg.env import ActionError, EnvConfig, RiverVectorEnv
-from thalweg.env.spaces import BRANCHES, moves_in_words, to_unit_actions
+from thalweg.env.spaces import BRANCHES, batch_of_one, moves_in_words, to_unit_actions
 from thalweg.world import World
 
 MOVES = {
@@ -27,6 +29,15 @@ MOVES = {
 def test_rows_of_different_lengths_are_refused_as_actions():
     with pytest.raises(ActionError, match=r"actions are no array.*needed: \[2, 4\]"):
         to_unit_actions("multidiscrete", [[0, 0, 0, 0], [0, 0, 0]], 2)
+
+
+@pytest.mark.parametrize("tensor", [torch.zeros(4, requires_grad=True), torch.zeros(4, dtype=torch.bfloat16)])
+@pytest.mark.parametrize(
+    "read", [batch_of_one, lambda given: to_unit_actions("continuous", given[None], 1)], ids=["one", "many"]
+)
+def test_tensors_that_numpy_cannot_read_are_refused_as_actions(read: Callable, tensor: torch.Tensor):
+    with pytest.raises(ActionError, match=r"no array, .*(requires grad|BFloat16)"):
+        read(tensor)
 
 
 @pytest.mark.parametrize(("kind", "dtype"), [("multidiscrete", np.int64), ("continuous", np.float64)])

@@ -1,4 +1,5 @@
-"""Environments of tensors: what they make of states from before a reset, and of PyTorch's default type."""
+"""Environments of tensors given states from before a reset, another default type of PyTorch, and actions of types that
+NumPy lacks."""
 
 from collections.abc import Iterator
 
@@ -10,6 +11,7 @@ import torch
 from tests.render.plain import plane
 from thalweg.env import RiverVectorEnv
 from thalweg.env.config import EnvConfig
+from thalweg.env.spaces import ActionError
 from thalweg.env.torch_env import TensorRiverEnv
 
 N = 3
@@ -57,3 +59,20 @@ def test_what_critics_see_of_an_episode_does_not_depend_on_the_default_type_of_p
     counts = state["visited_count"], state["idle"], state["steps"]
     expected = np.stack([count / limit for count, limit in zip(counts, limits, strict=True)], 1)
     np.testing.assert_array_equal(told, expected.astype(np.float32))
+
+
+@pytest.mark.parametrize("kind", [torch.bfloat16, torch.float8_e5m2])
+def test_actions_may_have_a_type_that_numpy_lacks(kind: torch.dtype):
+    poses = []
+    for actions in (torch.full((N, 4), 0.25), torch.full((N, 4), 0.25).to(kind)):
+        env = made(action="continuous")
+        env.reset(seed=0)
+        poses.append(env.step(actions)[4]["pose"])
+    assert torch.equal(*poses)
+
+
+def test_actions_of_complex_halves_are_refused_by_name():
+    env = made(action="continuous")
+    env.reset(seed=0)
+    with pytest.raises(ActionError, match=r"actions are no array, .*ComplexHalf"):
+        env.step(torch.zeros(N, 4, dtype=torch.complex32))

@@ -52,6 +52,8 @@ def batch_of_one(action: object) -> np.ndarray:
         given = np.asarray(action)
     except ValueError:  # nested lists of different lengths
         given = np.empty(0)
+    except (TypeError, RuntimeError) as error:  # tensors of a type that NumPy lacks, on a GPU, or with a gradient
+        raise ActionError(f"the action is no array, {error}; needed: [4]") from None
     if given.shape != (4,):
         found = repr(action) if given.size <= 8 else f"an array of shape {given.shape}"
         raise ActionError(f"an action is four numbers, one each for {', '.join(BRANCHES)}, not {found}")
@@ -67,7 +69,7 @@ def to_unit_actions(kind: str, actions: object, count: int, fast_ratio: float = 
     """
     try:
         given = np.asarray(actions)
-    except ValueError as error:  # nested lists of different lengths
+    except (ValueError, TypeError, RuntimeError) as error:  # as in `batch_of_one`
         raise ActionError(f"actions are no array, {error}; needed: [{count}, 4]") from None
     if given.shape != (count, 4):
         raise ActionError(

@@ -50,6 +50,8 @@ ALLOCATED = (
     "_actions", "_blowing",
 )  # fmt: skip
 """Attributes that are, or view, the memory of one environment: a copy has its own."""
+NUMPY_FLOATS = (torch.float16, torch.float32, torch.float64)
+"""Types of floating-point tensors that NumPy has too."""
 
 
 class TensorRiverEnv:
@@ -299,8 +301,11 @@ class TensorRiverEnv:
         if not isinstance(actions, Tensor):
             raise ActionError(f"actions are a tensor on {self.device}, not {type(actions).__name__}")
         if self.device.type == "cpu" and actions.device.type == "cpu":
-            given = actions.detach().numpy()
-            return torch.from_numpy(to_unit_actions(self.config.action, given, self.num_envs, self.config.fast_ratio))
+            given = actions.detach()
+            if given.is_floating_point() and given.dtype not in NUMPY_FLOATS:
+                given = given.float()
+            units = to_unit_actions(self.config.action, given, self.num_envs, self.config.fast_ratio)
+            return torch.from_numpy(units)
         if actions.device != self.device:
             raise ActionError(f"actions are on {actions.device}; needed: {self.device}")
         return tensor_unit_actions(self.config.action, actions.detach(), self.num_envs, self.config.fast_ratio)

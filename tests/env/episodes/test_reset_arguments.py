@@ -28,6 +28,8 @@ def asked(options, started=AGAIN):
         (np.int64(7), [7, 8, 9]),
         (np.array(7), [7, 8, 9]),
         ([3, None, 1], [3, None, 1]),
+        (range(3), [0, 1, 2]),
+        (np.array([5, 4, 3]), [5, 4, 3]),
     ],
 )
 def test_one_seed_gives_each_environment_its_own_and_a_list_is_taken_as_it_is(seed, seeds):
@@ -38,6 +40,12 @@ def test_one_seed_gives_each_environment_its_own_and_a_list_is_taken_as_it_is(se
 def test_other_seeds_are_refused(seed):
     with pytest.raises(ConfigError, match="seed"):
         seeds_of(seed, 3)
+
+
+@pytest.mark.parametrize("seeds", [{0: 1, 1: 2, 2: 3}, {0: 1, 1: 2, 2: 3}.values(), {7, 8, 9}, b"abc"], ids=repr)
+def test_seeds_without_an_order_of_their_own_are_refused(seeds):
+    with pytest.raises(ConfigError, match="seed must be a number or a list of one for each environment, not"):
+        seeds_of(seeds, 3)
 
 
 @pytest.mark.parametrize("given", ["same_step", "SAME_STEP", "SameStep", AutoresetMode.SAME_STEP])

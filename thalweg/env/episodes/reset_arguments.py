@@ -31,6 +31,8 @@ def seeds_of(seed: int | Sequence[int | None] | None, num_envs: int) -> Sequence
         first = integer_at_least("seed", seed, 0)
         return [first + row for row in range(num_envs)]
     assert not isinstance(seed, int)
+    if not (isinstance(seed, Sequence) or hasattr(seed, "shape")) or isinstance(seed, bytes):
+        raise ConfigError(f"seed must be a number or a list of one for each environment, not {seed!r:.60}")
     if len(seed) != num_envs:
         raise ConfigError(f"{len(seed)} seeds for {num_envs} environments")
     return [None if one is None else integer_at_least("each seed", one, 0) for one in seed]

@@ -103,8 +103,9 @@ def test_a_wide_canal_costs_no_clearance():
     [
         ("River", 1, 0.0, "the task River has no price"),
         ("Nests", 2, 0.0, "in one river, not in 2"),
-        ("Nests", 1, -1.0, "price must be 0 or more, not -1.0"),
-        ("Nests", 1, float("nan"), "price must be 0 or more, not nan"),
+        ("Nests", 1, -1.0, "price must be a finite number of 0 or more, not -1.0"),
+        ("Nests", 1, float("nan"), "price must be a finite number of 0 or more, not nan"),
+        ("Nests", 1, float("inf"), "price must be a finite number of 0 or more, not inf"),
     ],
 )
 def test_what_an_oracle_cannot_fly_is_refused(task, worlds, price, message):

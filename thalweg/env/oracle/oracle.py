@@ -36,13 +36,13 @@ class Oracle:
 
     def __init__(self, courses: CourseArrays, config: EnvConfig, price: float) -> None:
         """`courses`: those of one river. Raises `ConfigError` for the paper's task, whose costs have no price, for more
-        rivers, and for a price that is negative or not a number."""
+        rivers, and for a price that is negative or not finite."""
         if config.task == "River":
             raise ConfigError("the task River has no price: a violation ends the episode; use the scripted pilot")
         if len(courses.segments) != 1:
             raise ConfigError(f"an oracle flies in one river, not in {len(courses.segments)}")
-        if not price >= 0:
-            raise ConfigError(f"price must be 0 or more, not {price}")
+        if not (np.isfinite(price) and price >= 0):
+            raise ConfigError(f"price must be a finite number of 0 or more, not {price}")
         self.courses, self.config, self.limits, self.price = courses, config, config.limits, float(price)
         self.moves = _moves(config)
         length = float(courses.length[0])

@@ -1,5 +1,7 @@
 """Tests of the oracle's flights against exact dynamic programming and in worlds whose best flight is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from thalweg.env import ConfigError, DoneReason, EnvConfig, RiverVectorEnv
 from thalweg.env.oracle.oracle import Oracle
 from thalweg.env.spaces import from_unit_actions
 from thalweg.env.task.course_arrays import pack_courses
+from thalweg.env.tasks import TASKS
 from thalweg.world.bridges import bridge_across
 
 
@@ -112,3 +115,17 @@ def test_what_an_oracle_cannot_fly_is_refused(task, worlds, price, message):
     config = EnvConfig(observation="none", task=task)
     with pytest.raises(ConfigError, match=message):
         Oracle(pack_courses([canal()] * worlds, config), config, price)
+
+
+@pytest.mark.parametrize(
+    ("fast_m", "step_m", "message"),
+    [
+        (2.5, 1.0, "fast_step_m of Swimmers must be whole, not 2.5"),
+        (2.0, 0.5, "forward_step_m must be 1 in the task Swimmers, not 0.5"),
+    ],
+)
+def test_steps_that_its_tables_do_not_have_are_refused(fast_m, step_m, message, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(TASKS, "Swimmers", replace(TASKS["Swimmers"], fast_step_m=fast_m))
+    config = EnvConfig(observation="none", task="Swimmers", forward_step_m=step_m)
+    with pytest.raises(ConfigError, match=message):
+        Oracle(pack_courses([canal()], config), config, 0.0)

@@ -1,5 +1,6 @@
 """Tests of the oracle's tables against plain recursion and distances worked by hand."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -12,6 +13,7 @@ from thalweg.env.oracle.oracle import Oracle
 from thalweg.env.oracle.overland import LandGrid
 from thalweg.env.oracle.speeds import fill_speeds
 from thalweg.env.task.course_arrays import pack_courses
+from thalweg.env.tasks import TASKS
 
 METRE = 0.1
 
@@ -37,14 +39,14 @@ def best_by_recursion(near: np.ndarray, completed: float, price: float) -> float
 def test_speeds_are_worth_what_the_best_of_all_moves_is(price: float):
     near = (np.random.default_rng(2).random((9, 16)) < 0.4).astype(np.uint8)
     value, speed = np.zeros(near.shape, np.float32), np.zeros(near.shape, np.int8)
-    fill_speeds(near, np.zeros(16), 12.0, METRE, price, value, speed)
+    fill_speeds(near, np.zeros(16), 12.0, 2, METRE, price, value, speed)
     assert value[0, 0] == pytest.approx(best_by_recursion(near, 12.0, price), abs=1e-5)
 
 
 def test_at_a_high_price_no_move_costs_anything():
     near = np.ones((9, 16), np.uint8)
     value, speed = np.zeros(near.shape, np.float32), np.zeros(near.shape, np.int8)
-    fill_speeds(near, np.zeros(16), 30.0, METRE, 10.0, value, speed)
+    fill_speeds(near, np.zeros(16), 30.0, 2, METRE, 10.0, value, speed)
     assert value[0, 0] == pytest.approx(8 * METRE, abs=1e-5) and speed[0, 0] == 1
 
 
@@ -53,10 +55,10 @@ def test_speeds_pay_for_the_lane_however_fast_it_is_flown():
     near, along = np.zeros((9, 16), np.uint8), np.zeros(16)
     along[4:7] = 0.5
     value, speed = np.zeros(near.shape, np.float32), np.zeros(near.shape, np.int8)
-    fill_speeds(near, along, 10.0, METRE, 0.1, value, speed)
+    fill_speeds(near, along, 10.0, 2, METRE, 0.1, value, speed)
     # 0 -> 1 -> 3 -> 5 -> 7 -> 9 -> 10: one step ends in the narrows, where it costs 0.5.
     assert value[0, 0] == pytest.approx(10.0 * METRE - 0.1 * 0.5, abs=1e-5)
-    fill_speeds(near, along, 10.0, METRE, 10.0, value, speed)
+    fill_speeds(near, along, 10.0, 2, METRE, 10.0, value, speed)
     assert value[0, 0] == pytest.approx(3.0 * METRE, abs=1e-5)  # it waits before them
 
 
@@ -69,6 +71,12 @@ def planned(task: str, world, price: float, pose: tuple[float, ...]):
     oracle = Oracle(env.courses, env.config, price)
     plan, _ = oracle.plan(env.state)
     return plan, oracle
+
+
+def test_a_fast_step_of_a_plug_in_is_planned_with_its_own_length(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(TASKS, "Swimmers", replace(TASKS["Swimmers"], fast_step_m=3.0))
+    plan, oracle = planned("Swimmers", canal(width_m=8.0), 0.0, (1.0, 0.0, 2.0, 0.0))
+    assert plan.speed_value[0, -5, 10] == pytest.approx(4 * 3.0 * oracle._step_worth)  # in the last four steps
 
 
 def test_low_over_a_canal_without_reserves_every_metre_is_worth_its_share():

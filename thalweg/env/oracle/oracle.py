@@ -36,13 +36,15 @@ class Oracle:
 
     def __init__(self, courses: CourseArrays, config: EnvConfig, price: float) -> None:
         """`courses`: those of one river. Raises `ConfigError` for the paper's task, whose costs have no price, for more
-        rivers, and for a price that is negative or not finite."""
+        rivers, for a price that is negative or not finite, and in tasks with a fast step for steps forward that its
+        tables of metres do not have."""
         if config.task == "River":
             raise ConfigError("the task River has no price: a violation ends the episode; use the scripted pilot")
         if len(courses.segments) != 1:
             raise ConfigError(f"an oracle flies in one river, not in {len(courses.segments)}")
         if not (np.isfinite(price) and price >= 0):
             raise ConfigError(f"price must be a finite number of 0 or more, not {price}")
+        _check_fast_step(config)
         self.courses, self.config, self.limits, self.price = courses, config, config.limits, float(price)
         self.moves = _moves(config)
         length = float(courses.length[0])
@@ -116,7 +118,7 @@ class Oracle:
                 fill_near(self.courses, 0, *place, near)
                 if clearance:
                     fill_along(self.courses, 0, clearance, plan, row, along)
-                worth = self._step_worth, self.price
+                worth = int(task.fast_step_m), self._step_worth, self.price
                 fill_speeds(near, along, plan.completed_m[row], *worth, plan.speed_value[row], plan.speed[row])
         return plan
 
@@ -131,6 +133,21 @@ class Oracle:
         steps, onward = (np.stack(arrays) for arrays in zip(*ways, strict=True))
         plan.grid_origin[:] = self._grid.origin
         return plan._replace(grid_steps=steps, grid_next=onward)
+
+
+def _check_fast_step(config: EnvConfig) -> None:
+    """Raise `ConfigError` in a task with a fast step unless that has whole metres and the plain step has one: tables
+    have a place for each metre."""
+    fast = config.task_record.fast_step_m
+    if not fast:
+        return
+    if not float(fast).is_integer():
+        raise ConfigError(f"an oracle plans whole metres: fast_step_m of {config.task} must be whole, not {fast:g}")
+    if config.forward_step_m != 1.0:
+        raise ConfigError(
+            f"an oracle plans whole metres: forward_step_m must be 1 in the task {config.task}, not"
+            f" {config.forward_step_m:g}"
+        )
 
 
 def _moves(config: EnvConfig) -> np.ndarray:

@@ -37,7 +37,7 @@ class Plan(NamedTuple):
     speed_value: np.ndarray
     """[N, T, G] float32, return less priced cost to be had after so many steps."""
     speed: np.ndarray
-    """[N, T, G] int8, best move there: 0, 1 or 2 metres forward."""
+    """[N, T, G] int8, best move there: 0 none, 1 a metre forward, 2 a fast step."""
     grid_origin: np.ndarray
     """[N, 2] float64, metres: x and y of the centre of the first cell."""
     grid_steps: np.ndarray

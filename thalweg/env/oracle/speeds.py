@@ -30,11 +30,11 @@ def fill_near(courses, world, scene, distance, start_arc, travel, near):
 
 
 @kernel(fastmath=False, allocates=False)
-def fill_speeds(near, along, completed_m, metre_worth, price, value, speed):
+def fill_speeds(near, along, completed_m, fast_m, metre_worth, price, value, speed):
     """Fill value [T, G] float32 and speed [T, G] int8: return less priced cost to be had until the last step, and the
-    metres forward, 0 to 2, by which it is had.
+    move by which it is had: 0 none, 1 a metre forward, 2 a fast step of fast_m metres, a whole number.
 
-    A metre that is not yet visited is worth `metre_worth`; a move of 2 metres that ends where near [T, G] is 1 costs 1,
+    A metre that is not yet visited is worth `metre_worth`; a fast step that ends where near [T, G] is 1 costs 1,
     and each step that ends there along [G]. The course ends completed_m ahead.
     """
     last, metres = near.shape[0] - 1, near.shape[1]
@@ -45,7 +45,7 @@ def fill_speeds(near, along, completed_m, metre_worth, price, value, speed):
             if steps < last and ahead < completed_m:
                 best = -1.0e30
                 for forward in range(3):
-                    reached = min(ahead + forward, metres - 1)
+                    reached = min(ahead + (fast_m if forward == 2 else forward), metres - 1)
                     gained = metre_worth * (min(float(reached), completed_m) - ahead)
                     cost = along[reached] + (1.0 if forward == 2 and near[steps + 1, reached] != 0 else 0.0)
                     total = gained - price * cost + value[steps + 1, reached]

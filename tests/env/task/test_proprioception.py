@@ -46,6 +46,20 @@ def test_a_step_is_felt_in_metres_and_radians_per_second_in_the_frame_of_the_bod
     np.testing.assert_allclose(after, felt, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("kind", "told"),
+    [
+        ("continuous", {1.0: -1.0, 0.75: -0.75, 0.5: 1.0, 0.25: 0.5, -1.0: 0.0}),
+        ("multidiscrete", {0: 1.0, 1: 0.0, 2: -1.0}),
+    ],
+)
+def test_the_last_forward_of_a_task_with_a_fast_step_is_told_as_the_page_says(kind: str, told: dict[float, float]):
+    rest = 0 if kind == "continuous" else 1
+    actions = [(rest, rest, forward, rest) for forward in told]
+    felt = flown(canal(), [5.0, 0.0, 3.0, 0.0], actions, task="Swimmers", action=kind)
+    assert [after[7] for after in felt[1:]] == list(told.values())
+
+
 def test_height_is_measured_from_the_water_under_the_vehicle():
     levels = np.linspace(0.0, 3.0, 61)
     start, after = flown(canal(level_m=levels), [20.0, 0.0, 4.0, 0.0], [FORWARD])

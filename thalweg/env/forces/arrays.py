@@ -25,7 +25,8 @@ class ForceState(NamedTuple):
     current: np.ndarray
     """[N] float64, m/s: mean speed of the current in mid-channel."""
     velocity: np.ndarray
-    """[N, 4] float64: east, north, up (m/s) and yaw rate (radians/s), over ground; of inertial dynamics only."""
+    """[N, 4] float64: east, north, up (m/s) and yaw rate (radians/s); of inertial dynamics only. It is relative to the
+    water where a current carries the vehicle, which adds to its way alone, and over ground otherwise."""
 
 
 class WindNumbers(NamedTuple):

@@ -36,7 +36,7 @@ from thalweg.env.spaces import ActionError, action_space, observation_space, to_
 from thalweg.env.task.course_arrays import CourseArrays, pack_courses
 from thalweg.env.task.critic_info import PROGRESS, critic_space, write_progress
 from thalweg.env.task.priced.station import greatest_ways
-from thalweg.env.task.progress_share import share_gained
+from thalweg.env.task.progress_share import nearness
 from thalweg.env.task.proprioception import no_last_step
 from thalweg.env.task.rules import TASK_STATE, Outcome, State, empty_outcome, empty_state
 from thalweg.env.task.termination import terminated_and_truncated
@@ -58,7 +58,7 @@ class TensorRiverEnv:
     """N environments over one or several worlds on one device; environment i flies in world i % len(worlds).
 
     `info` belongs to the action just taken: `cost` [N], `costs` [N, K] by kind (`cost_kinds`), `done_reason` [N],
-    `progress` [N] (share of segments visited, of `Portage` that of the greatest way to the station) and `pose` [N, 4];
+    `progress` [N] (share of segments visited; of `Portage` see `thalweg.env.task.progress_share`) and `pose` [N, 4];
     `wind` and `velocity` are as in `RiverVectorEnv`. With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs
     to the state that the observation shows, see
     `thalweg.env.task.critic_info`. Environment i is seeded with seed + i, so that its episodes do not depend on the
@@ -334,9 +334,9 @@ class TensorRiverEnv:
         return self._blowing.clone()
 
     def _progress(self) -> Tensor:
-        """Return the share [N] float64 of the course that was visited, or that was gained towards the station."""
+        """Return the progress [N] float64, as `thalweg.env.task.progress_share.progress_of` does."""
         if self.config.task_record.portage:
-            return share_gained(self._tensors["way"], self._greatest_way)
+            return nearness(self._tensors["way"], self._greatest_way)
         return self._tensors["visited_count"].double() / self._segments
 
     def _critic_obs(self) -> Tensor:

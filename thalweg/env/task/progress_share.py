@@ -1,4 +1,4 @@
-"""Share of a course that an episode has achieved, for `info` and critics."""
+"""Progress of an episode along its course, for `info` and critics."""
 
 from typing import Any
 
@@ -11,13 +11,16 @@ from thalweg.env.task.rules import State
 
 
 def progress_of(config: EnvConfig, courses: CourseArrays, state: State) -> np.ndarray:
-    """Return the share [N] of the course that was visited, or in `Portage` that was gained towards the station."""
+    """Return the share [N] of the course that was visited, or in `Portage` the `nearness`."""
     if config.task_record.portage:
-        return share_gained(state.way, greatest_ways(courses, state.world))
+        return nearness(state.way, greatest_ways(courses, state.world))
     return state.visited_count / courses.segments[state.world]
 
 
-def share_gained(way: Any, greatest_way: Any) -> Any:
-    """Return the share [N] that was gained towards the station, from the metres [N] left and the greatest way [N]; all
-    arrays, or all tensors."""
-    return (1.0 - way / greatest_way).clip(0.0, 1.0)
+def nearness(way: Any, paid_way: Any) -> Any:
+    """Return 1 - way / paid_way [N], from 0 to 1, for the metres [N] left to the station and those that are paid in
+    full [N], see `greatest_ways`; all arrays, or all tensors.
+
+    An episode starts at 0 on a loop, and above 0 on an open course.
+    """
+    return (1.0 - way / paid_way).clip(0.0, 1.0)

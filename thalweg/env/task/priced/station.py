@@ -34,8 +34,11 @@ def way_to(courses, world, arc, station):
 
 
 def greatest_ways(courses, world):
-    """Return the greatest distance of a station in metres along the course, which is paid in full; of one world, or [N]
-    of as many."""
+    """Return the metres along the course that are paid in full; of one world, or [N] of as many.
+
+    On a loop they are half of it, the distance of its station. On an open course they are all of it, and its station is
+    at most that less `END_GAP_M` away, so that no flight there earns the full reward.
+    """
     return courses.length[world] * (1.0 - 0.5 * courses.closed[world])
 
 

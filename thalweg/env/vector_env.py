@@ -51,9 +51,9 @@ class RiverVectorEnv(VectorEnv):
     (`cost_kinds`: tight, loose, that of the task, and shallow for a boat), `done_reason` [N], `progress` [N] (share of
     segments visited; of `Portage` see `thalweg.env.task.progress_share`) and `pose` [N, 4]. `final_obs` and
     `final_info` are as Gymnasium defines them. With `EnvConfig.critic_info`, `critic_obs` [N, C] float32 belongs to the
-    state that the observation shows, see `thalweg.env.task.critic_info`; after an automatic reset in the same step,
-    that of the last state is in `final_info`. Environment i has a random generator of its own, seeded with seed + i, so
-    that its episodes do not depend on the number of environments.
+    state that the observation shows, see `thalweg.env.task.critic_info`, and so do `wind` and `velocity`; after an
+    automatic reset in the same step, those of the last state are in `final_info`. Environment i has a random generator
+    of its own, seeded with seed + i, so that its episodes do not depend on the number of environments.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012

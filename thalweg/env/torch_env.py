@@ -82,7 +82,8 @@ class TensorRiverEnv:
         """Create the environments.
 
         Raises `ConfigError`, also for more environments than the device has memory for, `RenderError` for more worlds
-        than that, `DeviceError`, and `UnsafePoseError` for a world without a safe start.
+        than that, `DeviceError`, `UnsafePoseError` for a world without a safe start, and for a boat
+        `thalweg.env.vehicle.boat.FitError` for a world that it does not fit.
         """
         if isinstance(worlds, RiverList):
             raise ConfigError("environments of tensors do not change river: give worlds, not a list of rivers")

@@ -77,7 +77,9 @@ class RiverVectorEnv(VectorEnv):
         render_mode: str | None = None,
         device: str = "cpu",
     ) -> None:
-        """Create the environments; raises `ConfigError` for arguments out of range or that contradict one another.
+        """Create the environments; raises `ConfigError` for arguments out of range or that contradict one another, and
+        for a boat `thalweg.env.vehicle.boat.FitError` for a world that it does not fit. A river of a list raises that
+        when it is loaded.
 
         `renderer` is any object with `.camera` and `.render(poses, world_index, time_s, out)`; None creates a
         `thalweg.render.Renderer` when it is needed. If it has `.render_mask(poses, world_index)`, observations that are

@@ -161,6 +161,27 @@ def test_policies_of_images_act_the_same_in_any_number_of_vehicles(sees: str, me
             np.testing.assert_array_equal(flights(**given, fresh=fresh), player(seen, fresh))
 
 
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: policies.of_images("rgb", memory=8),
+        lambda: policies.of_codes("default", actions=policies.numbers("gaussian"))[0],
+    ],
+    ids=["eyes and memory", "spread of numbers"],
+)
+def test_an_exported_policy_can_be_trained_on(make: Callable[[], Policy], tmp_path: Path):
+    policy = make()
+    policy.actor.train()
+
+    def can_learn() -> dict[str, bool]:
+        learns = {name: value.requires_grad for name, value in policy.actor.named_parameters()}
+        return learns | {f"{name} in training": module.training for name, module in policy.actor.named_modules()}
+
+    before = can_learn()
+    export_policy(policy, tmp_path / "policy.onnx")
+    assert can_learn() == before and any(before.values())
+
+
 def test_a_file_says_what_it_needs_and_what_it_means(tmp_path: Path):
     source = tmp_path / "policy.safetensors"
     policy = policies.of_images("rgb")

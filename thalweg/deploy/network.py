@@ -1,8 +1,11 @@
 """The network of an exported policy as plain operations: preprocessing, encoder, memory and the choice of actions.
 
 Letters: N vehicles, C channels, H, W pixels, Z numbers of a code, P of proprioception, D numbers of an observation or
-features, M numbers of the memory, A branches of an action, K outputs: parameters of the distribution of actions.
+features, M numbers of the memory, A branches of an action, K outputs: parameters of the distribution of actions. Layers
+are copies, so that what becomes of the network does not reach the policy.
 """
+
+from copy import deepcopy
 
 import torch
 from torch import Tensor, nn
@@ -26,7 +29,8 @@ class CodeLayers(nn.Module):
 
     def __init__(self, encoder: Encoder) -> None:
         super().__init__()
-        convolutions, self.head = fold_batch_norms(encoder.model)
+        convolutions, head = fold_batch_norms(encoder.model)
+        self.head = deepcopy(head)
         self.convolutions = nn.ModuleList(convolutions)
 
     def forward(self, pixels: Tensor) -> Tensor:
@@ -40,7 +44,8 @@ class EyeLayers(nn.Module):
 
     def __init__(self, eyes: Convolutions) -> None:
         super().__init__()
-        self.convolutions, self.linear, self.last_options = eyes.convolutions, eyes.linear, eyes.last_options
+        self.convolutions, self.linear = deepcopy(eyes.convolutions), deepcopy(eyes.linear)
+        self.last_options = deepcopy(eyes.last_options)
 
     def forward(self, pixels: Tensor, last: Tensor) -> Tensor:
         seen = self.convolutions(pixels * (1.0 / 128.0) - 1.0)
@@ -70,7 +75,7 @@ class MemoryCell(nn.Module):
 
     def __init__(self, gru: Gru) -> None:
         super().__init__()
-        self.gru = gru
+        self.gru = deepcopy(gru)
 
     def forward(self, seen: Tensor, memory: Tensor) -> Tensor:
         gru = self.gru
@@ -108,7 +113,7 @@ class Choice(nn.Module):
         super().__init__()
         stack = policy.actor.stack
         self.activation, self.actions, self.temperature = stack.activation, policy.actions, policy.temperature
-        self.log_std = policy.actor.log_std
+        self.log_std = deepcopy(policy.actor.log_std)
         self.register_buffer("sizes", torch.tensor(policy.actions.sizes, dtype=torch.int64))
         layers = layers_of(stack.flat.detach().clone(), 1, stack.sizes)
         self.weights = nn.ParameterList([weight[0] for weight, _ in layers])

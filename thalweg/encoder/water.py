@@ -83,15 +83,18 @@ def water_in(segmenter: WaterSegmenter, colours: np.ndarray) -> np.ndarray:
     """Return the water mask bool [K, H, W] of colours [K, H, W, 3], uint8 or 0..1.
 
     Sides that are no multiples of `SIDES` are continued below and on the right by the values of the edge for the
-    network; its mask there is cut off.
+    network; its mask there is cut off. Raises `EncoderInputError` for colours of another shape; none [0, H, W, 3] have
+    an empty mask.
     """
+    if colours.ndim != 4 or colours.shape[3] < 3 or 0 in colours.shape[1:3]:
+        raise EncoderInputError(f"colours must be [K, H, W, 3], not {list(colours.shape)}")
     height, width = colours.shape[1:3]
     beyond = (0, -height % SIDES), (0, -width % SIDES)
     colours = np.pad(colours, ((0, 0), *beyond, (0, 0)), mode="edge")
-    predictions = [
-        (segmenter(colours_of(colours[start : start + CHUNK])) > 0).numpy() for start in range(0, len(colours), CHUNK)
-    ]
-    return np.concatenate(predictions)[:, :height, :width]
+    water = np.empty(colours.shape[:3], bool)
+    for start in range(0, len(colours), CHUNK):
+        water[start : start + CHUNK] = (segmenter(colours_of(colours[start : start + CHUNK])) > 0).numpy()
+    return water[:, :height, :width]
 
 
 def mean_iou(found: np.ndarray, truth: np.ndarray) -> float:

@@ -12,6 +12,7 @@ from thalweg.env.oracle.ahead import interpolated, metres_ahead, metres_to_the_l
 from thalweg.env.oracle.climbs import IMPATIENCE, climb_at, height_index
 from thalweg.env.oracle.lanes import POINTS
 from thalweg.env.oracle.overland import CELL_M
+from thalweg.env.pilot.pursuit import sign_beyond
 from thalweg.env.task.motion import wrap_angle
 from thalweg.env.task.priced.reserves import view_quality
 from thalweg.env.task.progress import interpolate, track_projection
@@ -234,13 +235,13 @@ def _pursuit_error(courses, plan, row, ahead, trial, aside):
 def _follow(courses, limits, plan, row, ahead, projection, trial, aside, action):
     """Write the unit action of the law to action [1, 4]."""
     error = _pursuit_error(courses, plan, row, ahead, trial, aside)
-    action[0, 1] = _sign_beyond(error, 0.5 * limits.yaw_step)
+    action[0, 1] = sign_beyond(error, 0.5 * limits.yaw_step)
     priced = limits.task.clearance > 0.0 and plan.price > 0.0
     near = abs(error) < (AHEAD_WITH_CLEARANCE if priced else AHEAD)
     action[0, 2] = 1.0 if near else 0.0
     action[0, 3] = aside if near else 0.0
     climb = _climb(courses, limits, plan, row, ahead, projection, trial.world[0], trial.pose[0, 2])
-    action[0, 0] = _sign_beyond(climb, 0.0)
+    action[0, 0] = sign_beyond(climb, 0.0)
     if abs(climb) > 1.0:
         action[0, 2] = 0.0
         action[0, 3] = 0.0
@@ -260,12 +261,4 @@ def _climb(courses, limits, plan, row, ahead, projection, world, z):
     target = level + CRUISE_M
     if limits.task.portage == 0:
         target = plan.height[row, min(max(int(ahead + 0.5), 0), plan.height.shape[1] - 1)]
-    return _sign_beyond(target - z, 0.5 * limits.vertical_step)
-
-
-@kernel(fastmath=False, allocates=False)
-def _sign_beyond(value, least):
-    """Return the sign of a value, 0.0 within the least that counts."""
-    if value > least:
-        return 1.0
-    return -1.0 if value < -least else 0.0
+    return sign_beyond(target - z, 0.5 * limits.vertical_step)

@@ -7,13 +7,13 @@ deterministic and keeps no state.
 """
 
 import itertools
-import math
 
 import numpy as np
 
 from thalweg.core.compute.jit import kernel
 from thalweg.env.config import EnvConfig
 from thalweg.env.pilot.boat_ways import BoatWays, missing_clearance, plan_boat_ways, pursued_point
+from thalweg.env.pilot.pursuit import pursue
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.motion import UnitAction, move, wrap_angle
 from thalweg.env.task.progress import last_segment, metres_left, sample_rows, track_projection
@@ -101,24 +101,5 @@ def _worth(row, first_move, courses, limits, ways, state):
         worth -= patience * (
             CLEARANCE_WEIGHT * missing_clearance(courses, ways, here, way, left) + TURN_WEIGHT * abs(error)
         )
-        action = _law(limits, pose, error, dx, dy)
+        action = pursue(limits, pose.yaw, error, dx, dy)
     return worth
-
-
-@kernel(fastmath=False, allocates=False)
-def _law(limits, pose, error, dx, dy):
-    """Return the `UnitAction` of the law: turn to the pursued point, which lies dx, dy metres away and `error` radians
-    off the heading, forward when it is in front, and aside to it."""
-    turn = _sign_beyond(error, 0.5 * limits.yaw_step)
-    # The lateral distance counts from the heading after the turn.
-    heading = pose.yaw + turn * limits.yaw_step
-    lateral = dy * math.cos(heading) - dx * math.sin(heading)
-    return UnitAction(0.0, turn, 1.0 if abs(error) < 1.0 else 0.0, _sign_beyond(lateral, limits.lateral_step))
-
-
-@kernel(fastmath=False, allocates=False)
-def _sign_beyond(value, least):
-    """Return the sign of a value, 0.0 within the least that counts."""
-    if value > least:
-        return 1.0
-    return -1.0 if value < -least else 0.0

@@ -7,7 +7,6 @@ flies on by a simple law under the exact rules, and adds up progress and what is
 ahead on the route. The pilot is deterministic and keeps no state.
 """
 
-import math
 from functools import partial
 from typing import NamedTuple
 
@@ -18,6 +17,7 @@ from thalweg.core.compute.threads import run_in_threads
 from thalweg.env.config import EnvConfig
 from thalweg.env.moves import MOVES
 from thalweg.env.pilot.bank_view import sight_height
+from thalweg.env.pilot.pursuit import pursue, sign_beyond
 from thalweg.env.pilot.ways import Ways, missing_clearance, plan_ways, pursued_point
 from thalweg.env.task.course_arrays import CourseArrays
 from thalweg.env.task.motion import UnitAction, move, wrap_angle
@@ -151,7 +151,7 @@ def _fly_together(row, first_move, waiting, courses, limits, ways, state, trials
         unclear = missing_clearance(courses, world, projection, ways, left)
         _judge(height, unclear, error, patience, flying, z, worth)
         blind, flying = _climb_together(limits, height, sight, flying, z, up)
-        action = UnitAction(0.0, 0.0, 0.0, 0.0) if blind else _law(limits, pose.yaw, error, dx, dy)
+        action = UnitAction(0.0, 0.0, 0.0, 0.0) if blind else pursue(limits, pose.yaw, error, dx, dy)
     return waiting & ~flying
 
 
@@ -188,7 +188,7 @@ def _climb_together(limits, height, sight, flying, z, up):
         if flying >> climb & 1:
             if _is_blind(z[climb], sight, limits) != blind:
                 flying &= ~(1 << climb)
-            up[climb] = -1.0 if blind else _sign_beyond(height - z[climb], 0.5 * limits.vertical_step)
+            up[climb] = -1.0 if blind else sign_beyond(height - z[climb], 0.5 * limits.vertical_step)
     return blind, flying
 
 
@@ -228,25 +228,3 @@ def _lowest_bit(bits):
 def _is_blind(z, sight, limits):
     """Return whether a height z is more than half a vertical step above the `sight_height`, in metres."""
     return z - sight > 0.5 * limits.vertical_step
-
-
-@kernel(fastmath=False, allocates=False)
-def _law(limits, yaw, error, dx, dy):
-    """Return the `UnitAction` of the law but for the climb: to the pursued point, forward when it is in front, and
-    aside to it.
-
-    error: radians to turn to the pursued point, which lies dx, dy metres away.
-    """
-    turn = _sign_beyond(error, 0.5 * limits.yaw_step)
-    # The lateral distance counts from the heading after the turn.
-    heading = yaw + turn * limits.yaw_step
-    lateral = dy * math.cos(heading) - dx * math.sin(heading)
-    return UnitAction(0.0, turn, 1.0 if abs(error) < 1.0 else 0.0, _sign_beyond(lateral, limits.lateral_step))
-
-
-@kernel(fastmath=False, allocates=False)
-def _sign_beyond(value, least):
-    """Return the sign of a value, 0.0 within the least that counts."""
-    if value > least:
-        return 1.0
-    return -1.0 if value < -least else 0.0

@@ -16,7 +16,7 @@ from pydantic import BeforeValidator, Field, InstanceOf, model_validator
 from thalweg.core.config import FiniteNonNegative, FinitePositive, Hint, PairOf, frozen_config, refuse_unknown
 from thalweg.env.errors import ConfigError
 from thalweg.env.observation import BESIDE_FRAMES, DRAWN, Observation, parts_of
-from thalweg.env.physics.feasible import check_forces
+from thalweg.env.physics.feasible import check_forces, has_forces
 from thalweg.env.physics.inertia import Inertia
 from thalweg.env.physics.ranges import FromNumber, InOrder
 from thalweg.env.physics.wind import Wind
@@ -304,7 +304,7 @@ class EnvConfig:
     @property
     def has_forces(self) -> bool:
         """Whether the vehicle moves by anything but its own steps."""
-        return self.dynamics == "inertial" or self.wind is not None or self.current_m_per_s is not None
+        return has_forces(self.dynamics, self.wind, self.current_m_per_s)
 
     @property
     def fast_ratio(self) -> float:

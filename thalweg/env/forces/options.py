@@ -7,6 +7,7 @@ from typing import Any
 from thalweg.core.config import frozen_config, parse_config, to_plain
 from thalweg.env.config import Current, Dynamics, EnvConfig
 from thalweg.env.errors import ConfigError
+from thalweg.env.physics.feasible import has_forces
 from thalweg.env.physics.inertia import Inertia
 from thalweg.env.physics.wind import Wind
 
@@ -48,4 +49,4 @@ class ForceOptions:
     @property
     def push(self) -> bool:
         """Whether anything but its own steps moves a vehicle; as `EnvConfig.has_forces`."""
-        return self.dynamics == "inertial" or self.wind is not None or self.current_m_per_s is not None
+        return has_forces(self.dynamics, self.wind, self.current_m_per_s)

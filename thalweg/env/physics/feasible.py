@@ -1,7 +1,12 @@
-"""Forces that no vehicle of a config could hold against, refused before the first step."""
+"""Whether forces move a vehicle, and those that none could hold against, refused before the first step."""
 
 from thalweg.env.physics.inertia import Inertia
 from thalweg.env.physics.wind import Wind, strongest_held, strongest_push
+
+
+def has_forces(dynamics: str, wind: Wind | None, current_m_per_s: tuple[float, float] | None) -> bool:
+    """Return whether anything but its own steps moves a vehicle, by the fields of an `EnvConfig`."""
+    return dynamics == "inertial" or wind is not None or current_m_per_s is not None
 
 
 def check_forces(

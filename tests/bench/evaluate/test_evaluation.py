@@ -251,3 +251,12 @@ def test_on_a_loop_nothing_is_said_of_the_way_ahead_and_files_are_as_before(tmp_
     write_episodes(tmp_path / "loop.csv", [row])
     assert "ahead" not in (tmp_path / "loop.csv").read_text().splitlines()[0].split(",")
     assert read_episodes(tmp_path / "loop.csv") == [row]
+
+
+def test_in_portage_what_lies_ahead_is_the_way_to_the_station():
+    """The stations are 2 m from the ends of 60 m, so 17.5 m lie ahead of each start; four steps fly four of them."""
+    starts = np.array([[40.5, 0.0, 4.0, 0.0], [19.5, 0.0, 4.0, np.pi]])
+    ahead = Course(handmade.canal(), starts, np.zeros(2), np.arange(2))
+    rules = EnvConfig(task="Portage", observation="none", max_steps=4)
+    rows = evaluate(BASELINES["forward"], ahead, LABEL, EvaluationConfig(episodes=2, env=rules))
+    assert [row.ahead for row in rows] == pytest.approx([4 / 17.5, 4 / 17.5])

@@ -11,9 +11,10 @@ import pytest
 from tests.env import handmade
 from tests.viewer.flight.conftest import Fly
 from thalweg.bench.evaluate.baselines import BASELINES
-from thalweg.bench.evaluate.course import Course
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import read_episodes
 from thalweg.bench.evaluate.evaluation import Label, evaluate
+from thalweg.env import EnvConfig
 from thalweg.viewer.errors import ViewerError
 from thalweg.viewer.flight.flight import Flight, env_of
 from thalweg.viewer.flight.flyers import Pilot
@@ -41,16 +42,20 @@ def test_a_flight_is_read_back_as_it_was(fly: Fly, tmp_path: Path):
             assert found == value, name
 
 
-@pytest.mark.parametrize("closed", [True, False], ids=["loop", "open"])
-def test_a_finished_flight_is_the_row_of_an_evaluation_from_the_same_start(closed: bool, tmp_path: Path):
+@pytest.mark.parametrize(
+    ("closed", "task"), [(True, "River"), (False, "River"), (False, "Portage")], ids=["loop", "open", "station"]
+)
+def test_a_finished_flight_is_the_row_of_an_evaluation_from_the_same_start(closed: bool, task: str, tmp_path: Path):
     world = handmade.ring() if closed else handmade.canal(length_m=60.0)
-    options = FlightOptions(level=world.name, seed=3)
+    options = FlightOptions(level=world.name, seed=3, task=task)
     flight = pilot_flight(Flight(env_of(world, options), options))
     folder = Folder(tmp_path)
     folder.save(flight)
     course = Course(world, flight.poses[0][None], np.array(flight.times_s[:1]), np.zeros(1, np.int64))
-    evaluated = evaluate(BASELINES["pilot"], course, Label("pilot", 3, world.name))
-    assert read_episodes(tmp_path / "episodes.csv") == evaluated
+    config = EvaluationConfig(env=EnvConfig(task=task, observation="none"))
+    evaluated = evaluate(BASELINES["pilot"], course, Label("pilot", 3, world.name), config)
+    (table,) = tmp_path.glob("*.csv")
+    assert read_episodes(table) == evaluated
     assert (evaluated[0].ahead is None) == closed
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from thalweg.bench.csv_files import ResultsError, csv_text, finite, read_csv
 from thalweg.core.atomic_io import write_atomic
-from thalweg.env import DoneReason
-from thalweg.world.record import River
+from thalweg.env import DoneReason, RiverVectorEnv
+from thalweg.env.task.progress_share import progress_of
 
 ALL_REASONS = tuple(reason.label for reason in DoneReason if reason >= 0)
 """Reasons for the end of an episode, in the order of the codes of `thalweg.env.DoneReason`."""
@@ -70,7 +70,8 @@ class Episode:
     vetoes: int = 0
     """Number of moves that the shield replaced."""
     ahead: float | None = None
-    """Share of the segments ahead of the start, on an open course, that were visited; None on a loop, where all are."""
+    """Share flown of what lay ahead of the start on an open course: of the segments, in `Portage` of the way to the
+    station; None on a loop."""
     version: int = 0
     """Version of the plug-in that trained the policy, or of a function that flies; 0 for one of the package."""
     source: str = ""
@@ -92,19 +93,27 @@ COLUMNS = tuple(
 )
 
 
-def share_ahead(rivers: Sequence[River], travel: np.ndarray, segment: np.ndarray) -> np.ndarray:
-    """Return [K] the share of the segments of K courses from a segment [K] on, in a direction travel [K], 1 or -1; NaN
-    on a loop."""
-    segments = np.array([river.segments for river in rivers])
-    ahead = np.where(travel > 0, segments - segment, segment + 1)
-    return np.where([river.closed for river in rivers], np.nan, ahead / segments)
+def share_ahead(env: RiverVectorEnv) -> np.ndarray:
+    """Return [N] the share of the course that lies ahead of the episodes that an environment has just begun: of the
+    segments, in `Portage` of the way to the station; NaN on a loop."""
+    courses, state = env.courses, env.state
+    if env.config.task_record.portage:
+        ahead = np.maximum(1.0 - progress_of(env.config, courses, state), np.finfo(float).tiny)  # may begin at it
+    else:
+        segments = courses.segments[state.world]
+        ahead = np.where(state.travel > 0, segments - state.segment, state.segment + 1) / segments
+    return np.where(courses.closed[state.world] != 0, np.nan, ahead)
 
 
-def flown_of_ahead(progress: float, ahead: float) -> float | None:
+def flown_of_ahead(progress: float, ahead: float, *, portage: bool) -> float | None:
     """Return the share flown of what lay ahead of a start, an `Episode.ahead`, from the progress at the end and the
-    share ahead at the start; None on a loop."""
-    share = progress / ahead
-    return None if np.isnan(share) else min(float(share), 1.0)
+    share ahead at the start (`share_ahead`); None on a loop.
+
+    In `Portage` (`portage`) the progress at the start is what does not lie ahead; in other tasks it is 0.
+    """
+    begun = 1.0 - ahead if portage else 0.0
+    share = (progress - begun) / ahead
+    return None if np.isnan(share) else float(np.clip(share, 0.0, 1.0))
 
 
 def write_episodes(path: Path, episodes: Sequence[Episode]) -> None:

@@ -222,8 +222,7 @@ def evaluate(
     players = [
         player_of(policy, generator, deterministic=config.deterministic, env=config.env) for generator in generators
     ]
-    rivers = [world.river for world in course.rivers or (course.world,) * len(course.starts)]
-    totals = _EpisodeTotals(share_ahead(rivers, env.state.travel, env.state.segment))
+    totals = _EpisodeTotals(share_ahead(env), portage=config.env.task_record.portage)
     actions = from_unit_actions(config.env.action, np.zeros((len(course.starts), 4)))
     while len(flying := np.flatnonzero(totals.reason < 0)):
         state = env.get_state()
@@ -310,10 +309,10 @@ def start_env(course: Course, config: EvaluationConfig, sees: Sight = "nothing",
 class _EpisodeTotals:
     """Totals of each episode until its first end; later steps of its slot do not count."""
 
-    def __init__(self, share_ahead: np.ndarray) -> None:
-        """share_ahead [K]: share of the segments that lie ahead of each start; NaN on a loop."""
+    def __init__(self, share_ahead: np.ndarray, *, portage: bool) -> None:
+        """share_ahead [K]: see `share_ahead`; `portage`: whether that is of the way to a station."""
         count = len(share_ahead)
-        self.share_ahead = share_ahead
+        self.share_ahead, self.portage = share_ahead, portage
         self.return_ = np.zeros(count)
         self.costs = np.zeros((count, 2))
         self.cost = np.zeros(count)
@@ -348,7 +347,7 @@ class _EpisodeTotals:
                 reason=ALL_REASONS[self.reason[index]],
                 success=ALL_REASONS[self.reason[index]] == "Success",
                 progress=float(self.progress[index]),
-                ahead=flown_of_ahead(self.progress[index], self.share_ahead[index]),
+                ahead=flown_of_ahead(self.progress[index], self.share_ahead[index], portage=self.portage),
                 **dict(zip(END_COLUMNS, map(float, self.ends[index]), strict=True)),
             )
             for index in range(len(course.starts))

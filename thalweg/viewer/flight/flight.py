@@ -36,9 +36,8 @@ class Flight:
         self.env, self.options = env, options
         self.world = env.worlds[0]
         _, info = env.reset(seed=options.seed)
-        state = env.state
-        self.ahead = float(share_ahead([self.world.river], state.travel, state.segment)[0])
-        """Share of an open course that lies ahead of the start; NaN on a loop."""
+        self.ahead = float(share_ahead(env)[0])
+        """Share of an open course that lies ahead of the start, see `share_ahead`; NaN on a loop."""
         self.info: dict[str, Any] = info
         """Of the last step, or of the start."""
         self.terminated = False

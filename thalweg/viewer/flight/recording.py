@@ -66,7 +66,7 @@ class Recording:
     reason: int
     """Code of `thalweg.env.DoneReason`; -1 for a flight that was saved before its end."""
     ahead: float
-    """Share of an open course that lay ahead of the start; NaN on a loop."""
+    """Share of an open course that lay ahead of the start, see `share_ahead`; NaN on a loop."""
     world: int
     """Hash of the river."""
 
@@ -120,7 +120,7 @@ class Recording:
             end_x=float(self.poses[-1, 0]),
             end_y=float(self.poses[-1, 1]),
             end_z=float(self.poses[-1, 2]),
-            ahead=flown_of_ahead(self.progress, self.ahead),
+            ahead=flown_of_ahead(self.progress, self.ahead, portage=self.options.rules.task_record.portage),
         )
 
     def check_river(self, world: World) -> None:

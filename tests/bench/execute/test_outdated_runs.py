@@ -35,6 +35,15 @@ class Killed(Exception):
     """Stands for a process that is killed."""
 
 
+class DiesAtOnce(SmallBackend):
+    """Stands for a process that is killed while it trains or flies."""
+
+    def train(self, *_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    evaluate = train
+
+
 def killed_after(calls: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return a decorator; the functions that it decorates can be called so often, all together, then they kill."""
     count = iter(range(calls))
@@ -286,6 +295,16 @@ def test_a_failed_rerun_leaves_the_old_results_shown(folder: Path, newer_frames:
     assert rerun(folder)[0].results.outdated == {}
 
 
+def test_a_training_whose_flights_were_set_aside_before_it_is_kept(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    """`bench` sets the flights alone aside and is killed before it flies again; then the training is outdated too."""
+    (folder / "runs" / "PPO-0" / "policy.safetensors").write_bytes(b"trained once")
+    for name in ("EVALUATION", "RENDER"):
+        monkeypatch.setattr(versions, name, getattr(versions, name) + 1)
+        with pytest.raises(KeyboardInterrupt):
+            run_suite(SUITE, folder, DiesAtOnce(), only=("PPO-0",))
+    assert (folder / "outdated" / "runs" / "PPO-0" / "policy.safetensors").read_bytes() == b"trained once"
+
+
 OPERATIONS = 37
 """Writes, moves and removals of the bookkeeping of a suite whose runs are all outdated."""
 
@@ -321,14 +340,9 @@ def test_killed_on_the_way_back_to_earlier_versions_no_training_is_lost(
     folder: Path, newer_frames: str, monkeypatch: pytest.MonkeyPatch, at: int
 ):
     """A run is set aside and not finished with the new versions; then the old ones come back, and a kill with them."""
-
-    class Dies(SmallBackend):
-        def train(self, *_: object, **__: object) -> None:
-            raise KeyboardInterrupt
-
     trained = {path.name: path.read_bytes() for path in (folder / "runs" / "PPO-0").iterdir() if path.is_file()}
     with pytest.raises(KeyboardInterrupt):
-        run_suite(SUITE, folder, Dies(), only=("PPO-0",))
+        run_suite(SUITE, folder, DiesAtOnce(), only=("PPO-0",))
     assert (folder / "outdated" / "runs" / "PPO-0").is_dir() and trained
     monkeypatch.setattr(versions, "RENDER", versions.RENDER - 1)
     or_killed = killed_after(at)

@@ -81,6 +81,13 @@ class _Store:
         if with_training:
             shutil.rmtree(self.run_folder, ignore_errors=True)
 
+    def move_training_to(self, target: "_Store") -> None:
+        """Move the run's folder, if there is one."""
+        if self.run_folder.exists():
+            shutil.rmtree(target.run_folder, ignore_errors=True)
+            target.run_folder.parent.mkdir(parents=True, exist_ok=True)
+            os.rename(self.run_folder, target.run_folder)
+
     def move_to(self, target: "_Store", *, with_training: bool) -> None:
         """Move all files of the run; what an interrupted move has left is moved too.
 
@@ -90,10 +97,8 @@ class _Store:
             moved = target.folder / path.relative_to(self.folder)
             moved.parent.mkdir(parents=True, exist_ok=True)
             os.replace(path, moved)
-        if with_training and self.run_folder.exists():
-            shutil.rmtree(target.run_folder, ignore_errors=True)
-            target.run_folder.parent.mkdir(parents=True, exist_ok=True)
-            os.rename(self.run_folder, target.run_folder)
+        if with_training:
+            self.move_training_to(target)
         rows = [row for row in read_runs(self.folder) if row.run == self.run.name]
         if rows:
             others = [row for row in read_runs(target.folder) if row.run != self.run.name]
@@ -105,7 +110,8 @@ def prepare(folder: Path, run: Run, trials: Iterable[Trial], current: Versions, 
     """Make a results folder ready for a run with the current versions; returns what is done again.
 
     Files of the run with other versions are set aside: its evaluations, and its training if that is outdated too. If
-    finished ones are set aside already, later unfinished ones are removed instead. `sources` are the current hashes of
+    finished ones are set aside already, later unfinished ones are removed instead; a training that flights set aside
+    earlier were made with joins them. `sources` are the current hashes of
     its plug-ins. Returns `trained`, `flown` or an empty string for a run that is new or continues.
     """
     active, outdated = (_Store(base, run, tuple(trials)) for base in (folder, folder / FOLDER))
@@ -119,6 +125,9 @@ def prepare(folder: Path, run: Run, trials: Iterable[Trial], current: Versions, 
                 outdated.set_versions(recorded or {}, active.sources)
                 active.move_to(outdated, with_training=with_training)
             else:
+                # Where only flights were set aside, the training that stayed is theirs.
+                if with_training and not (outdated.run_folder.exists() or needs_training(previous, recorded or {})):
+                    active.move_training_to(outdated)
                 active.remove(with_training=with_training)
     if (recorded, active.sources) != (current, sources or {}):
         active.set_versions(current, sources)

@@ -170,6 +170,11 @@ def test_a_front_of_other_tasks_is_not_compared_with(tmp_path: Path, monkeypatch
     assert (row["return"], row["below the oracle"]) == ("9.00 [7.99, 9.53]", "unknown")
 
 
+@pytest.mark.parametrize("rules", [{"hard": True}, {"forces": ForceOptions(current_m_per_s=(0.5, 0.5))}])
+def test_rules_that_the_oracle_does_not_know_are_not_compared_with_its_front(tmp_path: Path, rules: dict):
+    assert entry(write(tmp_path / "nests", replace(SUITE, **rules)), "PPO").regrets == {}
+
+
 def test_the_page_has_tasks_beside_the_papers_task(tmp_path: Path):
     page = leaderboard([write(tmp_path / "nests")])
     assert (

@@ -14,7 +14,7 @@ from thalweg.bench.report.price_tables import by_seed, limit_of, mean_cost, mean
 from thalweg.bench.results.front import Front
 from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.results import Results
-from thalweg.bench.suite.record import arms_of, task_of
+from thalweg.bench.suite.record import arms_of, oracle_knows, task_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +29,7 @@ class TaskEntry(PolicyEntry):
     costs: dict[str, Estimate] = field(default_factory=dict)
     regrets: dict[str, Estimate] = field(default_factory=dict)
     """How much more the oracle returns at the same cost on the same rivers: the distance to its front; without those
-    that have no front."""
+    that have no front, and under rules that the oracle does not know."""
 
     @property
     def limit_met(self) -> str:
@@ -57,7 +57,7 @@ def fronts_of(task: str) -> dict[str, Front]:
 
 def task_entries(results: Results) -> list[TaskEntry]:
     """Return the trained policies of results of a task, as far as any run of them has started."""
-    fronts, found = fronts_of(task_of(results.suite)), []
+    fronts, found = fronts_of(task_of(results.suite)) if oracle_knows(results.suite) else {}, []
     for arm in arms_of(results.suite):
         for name, usual, other in flown_names(results, arm["name"]):
             if usual or any(row.algorithm == name for row in results.runs):

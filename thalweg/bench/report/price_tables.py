@@ -25,7 +25,7 @@ from thalweg.bench.results.inference import Estimate, Proportion, clip, mean_est
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.risk import conditional_value_at_risk
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.record import arms_of, stages_of, task_of
+from thalweg.bench.suite.record import arms_of, oracle_knows, stages_of, task_of
 from thalweg.env.tasks import PAPER_TASK
 
 PRICE_COLUMNS = (
@@ -36,12 +36,11 @@ AREA_COLUMNS = ("algorithm", "limits", "seeds", "share of the oracle's area")
 
 
 def oracle_points(results: Results) -> list[FrontPoint]:
-    """Return the oracle's points on the fixed river of the training level; none for the paper's task, in hard mode or
-    under forces, which the oracle does not know, or where there is no front of today's tasks."""
-    suite, task = results.suite, task_of(results.suite)
-    if task == PAPER_TASK or suite.get("hard") or suite.get("forces"):
+    """Return the oracle's points on the fixed river of the training level; none under rules that it does not know
+    (`oracle_knows`), or where there is no front of today's tasks."""
+    if not oracle_knows(results.suite):
         return []
-    return packaged_points(task, train_level(results))
+    return packaged_points(task_of(results.suite), train_level(results))
 
 
 def limit_of(results: Results, policy: str) -> float | None:

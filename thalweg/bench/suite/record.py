@@ -258,6 +258,12 @@ def has_papers_rules(record: Mapping[str, Any]) -> bool:
     return task_of(record) == PAPER_TASK and not has_forces(record)
 
 
+def oracle_knows(record: Mapping[str, Any]) -> bool:
+    """Return whether the oracle knows the rules of a suite's record, so that policies can be compared with its front:
+    a task where safety has a price, neither in hard mode nor under forces."""
+    return task_of(record) != PAPER_TASK and not record.get("hard") and not has_forces(record)
+
+
 def rules_in_words(record: Mapping[str, Any]) -> str:
     """Return sentences about the rules of a suite's record, its real rivers and what was seen in training; empty for
     the paper's rules, levels and their camera."""

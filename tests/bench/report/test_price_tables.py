@@ -14,7 +14,7 @@ from thalweg.bench.report.comparison_tables import limit_table
 from thalweg.bench.report.price_figures import front_figure, training_costs
 from thalweg.bench.report.price_tables import area_table, limit_of, price_table
 from thalweg.bench.report.table import Table
-from thalweg.bench.results.results import Results, RunRow
+from thalweg.bench.results.results import OutdatedPolicy, Results, RunRow
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.arms import Arm
 from thalweg.bench.suite.config import Suite
@@ -129,6 +129,35 @@ def test_only_a_front_of_the_same_task_is_compared(monkeypatch: pytest.MonkeyPat
         assert price_tables.oracle_points(replace(results, suite=SUITE.as_data() | other)) == []
     monkeypatch.setattr(fronts, "read_fronts", lambda: [today, replace(FREE, tasks=versions.TASKS - 1)])
     assert price_tables.oracle_points(results) == []
+
+
+@pytest.fixture
+def half_outdated(priced: Results) -> Results:
+    """The same, of which PPO was made with other tasks than today's."""
+    old = OutdatedPolicy("PPO", "tasks 0")
+    rows = [replace(row, algorithm=old.name) if row.algorithm == "PPO" else row for row in priced.episodes]
+    return replace(priced, episodes=rows, outdated={old.name: old})
+
+
+def test_outdated_runs_are_not_compared_with_the_front_of_today(half_outdated: Results):
+    rows = rows_of(price_table(half_outdated))
+    assert rows["PPO (tasks 0)"]["below the oracle"] == "unknown"
+    assert rows["FOCOPS-5"]["below the oracle"].startswith("0.20 [")
+
+
+def test_outdated_runs_are_not_drawn_below_the_front_of_today(half_outdated: Results):
+    figure = front_figure(half_outdated)
+    assert figure is not None
+    labels = {line.get_label() for line in figure.axes[0].lines}
+    assert labels & {"PPO (tasks 0)", "FOCOPS-5"} == {"FOCOPS-5"}
+
+
+def test_where_all_runs_are_outdated_they_are_drawn_without_the_front(half_outdated: Results):
+    rows = [row for row in half_outdated.episodes if row.algorithm in half_outdated.outdated]
+    figure = front_figure(replace(half_outdated, episodes=rows))
+    assert figure is not None
+    labels = {line.get_label() for line in figure.axes[0].lines}
+    assert labels & {"PPO (tasks 0)", "oracle, which knows the map"} == {"PPO (tasks 0)"}
 
 
 def test_the_paper_has_no_table_of_prices_and_priced_tasks_none_of_its_limit(priced: Results, results: Results):

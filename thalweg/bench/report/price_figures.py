@@ -25,12 +25,17 @@ NARROW = 2.7
 
 
 def front_figure(results: Results) -> Figure | None:
-    """Draw mean cost and mean return of each trained policy, and the oracle's front; None for the paper's task."""
+    """Draw mean cost and mean return of each trained policy, and the oracle's front; None for the paper's task.
+
+    The front is today's: outdated runs are drawn only where no policy is current, without it.
+    """
     groups, level = group_episodes(results.episodes), train_level(results)
     names = [name for name in trained_policies(results) if (name, level) in groups]
     if task_of(results.suite) == PAPER_TASK or not names:
         return None
-    points = oracle_points(results)
+    current = [name for name in names if name not in results.outdated]
+    points = oracle_points(results) if current else []
+    names = current if points else names
     with rc_context(STYLE):
         figure = Figure(figsize=(7.5, 4.6))
         axis = figure.subplots()

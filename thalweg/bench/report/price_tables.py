@@ -98,7 +98,7 @@ def mean_return(episodes: Sequence[Episode]) -> float:
 
 def price_table(results: Results) -> Table:
     """Return each trained policy's cost, how it is distributed about its own limit, and its return, beside the
-    oracle's at that cost; no row for the paper's task."""
+    oracle's at that cost, which is today's and so unknown for outdated runs; no row for the paper's task."""
     points = oracle_points(results)
     groups, level = group_episodes(results.episodes), train_level(results)
     rows: list[list[Cell]] = []
@@ -109,7 +109,8 @@ def price_table(results: Results) -> Table:
         if episodes is None:
             rows.append([name, *[results.gap(name)] * (len(PRICE_COLUMNS) - 1)])
             continue
-        rows.append(_price_row(results, name, episodes, front_of(points) if points else None))
+        front = front_of(points) if points and name not in results.outdated else None
+        rows.append(_price_row(results, name, episodes, front))
     return table_from_cells(PRICE_COLUMNS, rows)
 
 

@@ -151,7 +151,8 @@ SECTIONS: tuple[Section, ...] = (
         lambda _: "Points: mean cost and mean return of each policy, below the line of what an oracle attains.",
         "On the training level of the suite. Black: the oracle, a planner that knows the map, at several prices of"
         " cost; the line joins what it attains by drawing one of two prices for each episode. A cross has no limit;"
-        " other markers differ by limit. Lines through a point: 95 % confidence intervals over training seeds.",
+        " other markers differ by limit. Lines through a point: 95 % confidence intervals over training seeds."
+        " Outdated runs are not drawn beside the oracle of today.",
         fallback="",
     ),
     TableSection(

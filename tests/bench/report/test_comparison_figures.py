@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from tests.bench.report.small_results import flights
+from tests.bench.report.small_results import SUITE, flights
 from tests.env import handmade
+from thalweg.bench.evaluate.conditions import Condition
 from thalweg.bench.report.comparison_figures import condition_grid, return_profiles
 from thalweg.bench.report.failure_maps import failure_maps
 from thalweg.bench.results.results import Results
@@ -31,6 +33,20 @@ def test_the_grid_has_a_number_for_each_policy_and_condition(results: Results):
     said = {(int(text.get_position()[0]), int(text.get_position()[1])): text.get_text() for text in axis.texts}
     assert said == {(0, 0): "1.0", (0, 1): "6.0", (1, 1): "6.5", (0, 2): "7.5", (2, 2): "3.0"}
     assert condition_grid(replace(results, condition_episodes={})) is None
+
+
+@pytest.mark.parametrize(
+    "condition", [Condition("own", rivers=("Wear", "Cam")), Condition("own", levels=("Hard", "Easy"))]
+)
+def test_a_condition_without_the_training_level_is_shown_on_its_first_river_or_level(
+    condition: Condition, results: Results
+):
+    first, second = condition.rivers or condition.levels
+    rows = [*flights("PPO", 1, 3.0, 0.0, second), *flights("PPO", 1, 5.0, 0.0, first)]  # as files are sorted
+    suite = replace(SUITE, conditions=(condition,)).as_data()
+    figure = condition_grid(replace(results, suite=suite, condition_episodes={"own": rows}))
+    assert figure is not None
+    assert [text.get_text() for text in figure.axes[0].texts if text.get_position()[0] == 1] == ["6.0"]
 
 
 def test_a_map_marks_where_flights_failed(results: Results):

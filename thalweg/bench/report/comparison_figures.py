@@ -10,6 +10,7 @@ from thalweg.bench.results.comparison import PROFILE_RETURNS, performance_profil
 from thalweg.bench.results.inference import score_matrix
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes, summaries
+from thalweg.bench.suite.record import flown_levels
 
 MAX_BANDS = 4
 """Most policies whose interval bands can be told apart in one panel."""
@@ -49,10 +50,10 @@ def return_profiles(results: Results) -> Figure | None:
 def condition_grid(results: Results) -> Figure | None:
     """Draw the mean return of each policy under each condition as a heat map.
 
-    Returns are those on the training level, or on the condition's own river where it excludes that level. Returns None
-    without conditions.
+    Returns are those on the training level, or on the first river or level of the condition that was flown where it
+    excludes that level, in the order of the suite. Returns None without conditions.
     """
-    level = train_level(results)
+    own = {each["name"]: flown_levels(results.suite, each) for each in results.suite.get("conditions", [])}
     conditions = {"main": summaries(results.episodes)}
     conditions |= {name: summaries(rows) for name, rows in results.condition_episodes.items()}
     if len(conditions) == 1:
@@ -60,9 +61,9 @@ def condition_grid(results: Results) -> Figure | None:
     flown = {policy for summaries_by_river in conditions.values() for policy, _ in summaries_by_river}
     names = [name for name in results.policies if name in flown]
     returns = np.full((len(names), len(conditions)), np.nan)
-    for column, summaries_by_river in enumerate(conditions.values()):
+    for column, (condition, summaries_by_river) in enumerate(conditions.items()):
         rivers = list(dict.fromkeys(river for _, river in summaries_by_river))
-        river = level if level in rivers else rivers[0]
+        river = next(each for each in (train_level(results), *own.get(condition, ()), *rivers) if each in rivers)
         for row, name in enumerate(names):
             if (name, river) in summaries_by_river:
                 returns[row, column] = summaries_by_river[name, river].return_mean

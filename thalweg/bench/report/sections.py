@@ -220,8 +220,8 @@ SECTIONS: tuple[Section, ...] = (
         "Other conditions",
         condition_grid,
         lambda _: "A grid: the mean return of each policy under each condition.",
-        "On the training level of the suite; conditions with rivers of their own, such as `real`, on the first of those"
-        " rivers.",
+        "On the training level of the suite; conditions without it, such as `real`, on the first of their own rivers or"
+        " levels that was flown.",
         fallback="",
     ),
     TableSection(

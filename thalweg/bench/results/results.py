@@ -27,7 +27,7 @@ from thalweg.bench.packaged import PACKAGED
 from thalweg.bench.results.run_versions import Sources, Versions, some_critics_are_asymmetric
 from thalweg.bench.results.statistics import TrainingLog
 from thalweg.bench.suite.names import MOST_CHARACTERS
-from thalweg.bench.suite.record import arms_of, observation_of, seeds_of_flown, stages_of
+from thalweg.bench.suite.record import arms_of, flown_levels, observation_of, seeds_of_flown, stages_of
 from thalweg.core.atomic_io import write_atomic
 from thalweg.train.observations import PRIVILEGED, SEEN_BY_CRITICS
 
@@ -192,7 +192,7 @@ class Results:
             for condition in (main, *suite.get("conditions", []))
             for name, seed in [*flown, *(baselines if condition["blind"] and not condition.get("shield") else [])]
             if not ((condition.get("varied") or condition.get("shield")) and name in privileged)
-            for level in [*condition["rivers"]] or condition["levels"] or suite.get("test_levels", [])
+            for level in flown_levels(suite, condition)
             if (name, seed) not in failed
         }
 

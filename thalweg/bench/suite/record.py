@@ -208,6 +208,11 @@ def task_of(record: Mapping[str, Any]) -> str:
     return record.get("task", PAPER_TASK)
 
 
+def flown_levels(record: Mapping[str, Any], condition: Mapping[str, Any]) -> list[str]:
+    """Return the real rivers or levels that a condition of a suite's record is flown on, in the order of the suite."""
+    return [*condition["rivers"]] or condition["levels"] or record.get("test_levels", [])
+
+
 def has_forces(record: Mapping[str, Any]) -> bool:
     """Return whether wind, current or inertia move the vehicle in a suite's record."""
     forces = record.get("forces", {})

@@ -23,7 +23,7 @@ from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
 from thalweg.bench.suite.config import Suite
 from thalweg.bench.suite.priced import LIMITS
-from thalweg.bench.suite.record import arms_of
+from thalweg.bench.suite.record import arms_of, bounds_of
 from thalweg.core import versions
 
 LEVEL = "Medium"
@@ -206,7 +206,7 @@ def outcome_of(key: tuple[str, str, float, str], episodes: Sequence[Episode], fr
     limit = key[2]
     return Outcome(
         *key,
-        mean_estimate(episodes, "return_"),
+        mean_estimate(episodes, "return_", bounds_of({"task": key[0]}, "return_", episodes)),
         task_cost(episodes),
         share_above(episodes, limit),
         by_seed(episodes, lambda rows: front.regret(mean_cost(rows), mean_return(rows))),

@@ -131,6 +131,27 @@ def test_only_a_front_of_the_same_task_is_compared(monkeypatch: pytest.MonkeyPat
     assert price_tables.oracle_points(results) == []
 
 
+@pytest.mark.parametrize(
+    ("task", "ahead", "low"),
+    [("Portage", 0.5, "-0.48"), ("HighNests", 0.5, "-0.48"), ("Portage", None, "0.00"), ("Nests", 0.5, "0.00")],
+)
+def test_returns_have_no_least_value_of_0_where_they_may_be_negative(
+    task: str, ahead: float | None, low: str, priced: Results
+):
+    """They may be in Portage on open courses, and in a plug-in's task; means by seed are 1, 2 and 3, so 2 - 2.48."""
+    episodes = [replace(row, ahead=ahead) for row in flights("PPO", 3, 0.0, 30.0)]
+    found = replace(priced, suite=priced.suite | {"task": task}, episodes=episodes)
+    assert rows_of(price_table(found))["PPO"]["return"] == f"2.00 [{low}, 4.48]"
+
+
+def test_the_figure_reaches_to_negative_returns(priced: Results):
+    rows = [replace(row, return_=row.return_ - 9.0) for row in priced.episodes]
+    figure = front_figure(replace(priced, suite=priced.suite | {"task": "Portage"}, episodes=rows))
+    assert figure is not None
+    drawn = min(np.min(line.get_ydata()) for line in figure.axes[0].lines if line.get_label() in ("PPO", "FOCOPS-5"))
+    assert figure.axes[0].get_ylim()[0] < drawn < 0.0
+
+
 @pytest.fixture
 def half_outdated(priced: Results) -> Results:
     """The same, of which PPO was made with other tasks than today's."""

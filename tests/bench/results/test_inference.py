@@ -94,6 +94,16 @@ def test_an_interval_is_clipped_to_the_possible_means():
     assert str(mean_estimate([replace(row, cost=row.return_ / 10) for row in flown], "cost")) == "0.73 [0.00, 1.00]"
 
 
+def test_returns_below_that_of_the_papers_task_have_no_least_value():
+    found = mean_estimate(rows([[-0.1, -0.1, 0.0]] * 2), "return_")
+    assert found.low < found.value < 0.0
+
+
+def test_bounds_that_are_given_hold_for_returns_within_those_of_the_papers_task():
+    flown = rows([[2.0, 10.0, 10.0], [2.0, 10.0, 10.0]])  # 22 / 3 and 4.3 * 4.6 / sqrt(3) on both sides
+    assert str(mean_estimate(flown, "return_", (-10.0, None))) == "7.33 [-4.14, 10.00]"
+
+
 def test_seeds_with_equal_means_have_at_least_the_interval_of_their_episodes():
     # n = 6, mean 0.4, deviation sqrt(6 * 0.16 / 5); t of 97.5 % and 5 degrees of freedom
     half = 2.570582 * (6 * 0.16 / 5) ** 0.5 / 6**0.5

@@ -10,9 +10,9 @@ from thalweg.bench.leaderboard.entries import flown_names
 from thalweg.bench.leaderboard.policy_entry import PolicyEntry, arm_fields
 from thalweg.bench.leaderboard.requirements import LEVEL, Flights
 from thalweg.bench.report.policies import limit_met
-from thalweg.bench.report.price_tables import by_seed, limit_of, mean_cost, mean_return, task_cost
+from thalweg.bench.report.price_tables import by_seed, limit_of, mean_cost, mean_return, task_cost, task_return
 from thalweg.bench.results.front import Front
-from thalweg.bench.results.inference import Estimate, mean_estimate
+from thalweg.bench.results.inference import Estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.suite.record import arms_of, oracle_knows, task_of
 
@@ -79,7 +79,7 @@ def _entry(
         **arm_fields(results, name, arm, flights[FIXED], flights[UNSEEN]),
         task=task_of(results.suite),
         limit=limit_of(results, name),
-        returns={rivers: mean_estimate(rows, "return_") for rivers, rows in flown.items()},
+        returns={rivers: task_return(results, rows) for rivers, rows in flown.items()},
         costs={rivers: task_cost(rows) for rivers, rows in flown.items()},
         regrets=regrets,
     )

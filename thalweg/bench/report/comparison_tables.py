@@ -25,10 +25,10 @@ from thalweg.bench.results.comparison import (
     paired_difference,
     probability_of_improvement,
 )
-from thalweg.bench.results.inference import Estimate, mean_estimate, proportion
+from thalweg.bench.results.inference import PAPERS, Bounds, Estimate, mean_estimate, proportion
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.record import greatest_cost, task_of
+from thalweg.bench.suite.record import bounds_of, task_of
 from thalweg.env.tasks import PAPER_TASK
 
 
@@ -63,7 +63,6 @@ def limit_table(results: Results) -> Table:
 def pairwise_table(results: Results) -> Table:
     """Return the comparison of each trained policy with each other on the training level, paired by start."""
     level, groups = train_level(results), group_episodes(results.episodes)
-    greatest = {"return_": None, "cost": greatest_cost(results.suite)}
     columns = ("policy", "against", "seeds", "returns more", "return, difference", "cost, difference")
     rows: list[list[Cell]] = []
     current = [name for name in trained_policies(results) if name not in results.outdated]
@@ -72,12 +71,14 @@ def pairwise_table(results: Results) -> Table:
         if first_rows is None or second_rows is None:
             continue
         try:
-            scores = {field: matched_scores(first_rows, second_rows, field) for field in greatest}
+            scores = {field: matched_scores(first_rows, second_rows, field) for field in ("return_", "cost")}
         except ValueError:
             rows.append([one, other, *["not the same starts"] * (len(columns) - 2)])
             continue
         seeds = f"{evaluated_seeds(results, one, first_rows)} and {evaluated_seeds(results, other, second_rows)}"
-        differences = (mean_difference(*matrices, field, greatest[field]) for field, matrices in scores.items())
+        both = [*first_rows, *second_rows]
+        bounds = {field: bounds_of(results.suite, field, both) for field in scores}
+        differences = (mean_difference(*matrices, field, bounds[field]) for field, matrices in scores.items())
         rows.append([one, other, seeds, probability_of_improvement(*scores["return_"]), *differences])
     return table_from_cells(columns, rows)
 
@@ -90,24 +91,26 @@ def condition_table(results: Results) -> Table:
     rows: list[list[Cell]] = []
     for name, condition_episodes in results.condition_episodes.items():
         for (algorithm, level), episodes in group_episodes(condition_episodes).items():
+            bounds = bounds_of(results.suite, "return_", episodes)
             rows.append(
                 [
                     algorithm,
                     name,
                     level,
                     evaluated_seeds(results, algorithm, episodes),
-                    mean_estimate(episodes, "return_"),
-                    mean_estimate(episodes, "cost", greatest_cost(results.suite)),
+                    mean_estimate(episodes, "return_", bounds),
+                    mean_estimate(episodes, "cost", bounds_of(results.suite, "cost")),
                     proportion(episodes, lambda row: row.success),
-                    return_change(episodes, main.get((algorithm, level), [])),
+                    return_change(episodes, main.get((algorithm, level), []), bounds),
                 ]
             )
     order = {name: index for index, name in enumerate(results.policies)}
     return table_from_cells(columns, sorted(rows, key=lambda row: order[str(row[0])]))
 
 
-def return_change(after: Sequence[Episode], before: Sequence[Episode]) -> Estimate | str:
-    """Return the mean change of the return between two conditions, over the seeds that flew under both.
+def return_change(after: Sequence[Episode], before: Sequence[Episode], bounds: Bounds = PAPERS) -> Estimate | str:
+    """Return the mean change of the return between two conditions, over the seeds that flew under both; `bounds`: see
+    `inference.field_bounds`.
 
     Returns `other starts` where the starts differ, and `other seeds` where no seed flew under both.
     """
@@ -116,6 +119,6 @@ def return_change(after: Sequence[Episode], before: Sequence[Episode]) -> Estima
         return "other seeds" if before else "other starts"
     first_rows, second_rows = ([row for row in rows if row.seed in seeds] for rows in (after, before))
     try:
-        return paired_difference(*matched_scores(first_rows, second_rows, "return_"), "return_")
+        return paired_difference(*matched_scores(first_rows, second_rows, "return_"), "return_", bounds)
     except ValueError:
         return "other starts"

@@ -11,8 +11,8 @@ from thalweg.algos.interface import MEAN_EPISODES
 from thalweg.bench.fronts.fronts import FrontPoint, front_of
 from thalweg.bench.report.figures import GRID, STYLE, line_style
 from thalweg.bench.report.policies import train_level, trained_policies
-from thalweg.bench.report.price_tables import limit_of, oracle_points, task_cost
-from thalweg.bench.results.inference import Estimate, mean_estimate
+from thalweg.bench.report.price_tables import limit_of, oracle_points, task_cost, task_return
+from thalweg.bench.results.inference import Estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes, mean_and_std, running_mean
 from thalweg.bench.suite.record import arms_of, task_of
@@ -48,14 +48,14 @@ def front_figure(results: Results) -> Figure | None:
             colour = line_style(order.index(algorithms[name]))["color"]
             limit = limit_of(results, name)
             marker = "X" if limit is None else MARKERS[limits.index(limit) % len(MARKERS)]
-            cost, returned = task_cost(episodes), mean_estimate(episodes, "return_")
+            cost, returned = task_cost(episodes), task_return(results, episodes)
             _draw_point(axis, cost, returned, colour, marker, name)
         for limit in limits:
             axis.axvline(limit, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
         axis.set_xlabel("mean cost of an episode (dotted: limits)")
         axis.set_ylabel("mean return of an episode")
         axis.set_xlim(left=0)
-        axis.set_ylim(0, 10.3)
+        axis.set_ylim(min(0.0, 1.05 * axis.dataLim.ymin), 10.3)
         figure.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False, fontsize=7)
     return figure
 
@@ -89,7 +89,7 @@ def _draw_point(axis: Axes, cost: Estimate, return_: Estimate, colour: str, mark
     if not np.isnan(cost.low):
         axis.plot([max(cost.low, 0.0), cost.high], [return_.value] * 2, **style)
     if not np.isnan(return_.low):
-        axis.plot([cost.value] * 2, [max(return_.low, 0.0), return_.high], **style)
+        axis.plot([cost.value] * 2, [return_.low, return_.high], **style)
 
 
 def training_costs(results: Results) -> Figure | None:

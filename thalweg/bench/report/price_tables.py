@@ -25,7 +25,7 @@ from thalweg.bench.results.inference import Estimate, Proportion, clip, mean_est
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.risk import conditional_value_at_risk
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.record import arms_of, oracle_knows, stages_of, task_of
+from thalweg.bench.suite.record import arms_of, bounds_of, oracle_knows, stages_of, task_of
 from thalweg.env.tasks import PAPER_TASK
 
 PRICE_COLUMNS = (
@@ -73,7 +73,12 @@ def costs_of(episodes: Sequence[Episode]) -> np.ndarray:
 
 def task_cost(episodes: Sequence[Episode]) -> Estimate:
     """Return the mean cost of episodes of a task whose costs have no greatest value."""
-    return mean_estimate(episodes, "cost", math.inf)
+    return mean_estimate(episodes, "cost", (None, math.inf))
+
+
+def task_return(results: Results, episodes: Sequence[Episode]) -> Estimate:
+    """Return the mean return of episodes of the task of some results."""
+    return mean_estimate(episodes, "return_", bounds_of(results.suite, "return_", episodes))
 
 
 def share_above(episodes: Sequence[Episode], limit: float) -> Proportion:
@@ -123,7 +128,7 @@ def _price_row(results: Results, name: str, episodes: Sequence[Episode], front: 
     if front is not None:
         regret = by_seed(episodes, lambda rows: front.regret(mean_cost(rows), mean_return(rows)))
     seeds = evaluated_seeds(results, name, episodes)
-    return [name, seeds, *about_limit, worst_tenth(episodes), mean_estimate(episodes, "return_"), regret]
+    return [name, seeds, *about_limit, worst_tenth(episodes), task_return(results, episodes), regret]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from thalweg.bench.report.price_tables import limit_of
 from thalweg.bench.results.inference import CONFIDENCE, MIN_SEEDS, Estimate, mean_estimate
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.record import greatest_cost, task_of
+from thalweg.bench.suite.record import bounds_of, task_of
 from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
 from thalweg.env.tasks import PAPER_TASK
 
@@ -24,6 +24,8 @@ IN_WORDS = {
 }
 """What policies are that were not trained in the results, by name; all others are functions."""
 OTHER = "not trained here"
+FIGURES = ("return_", "cost")
+"""Fields of episodes whose means are shown."""
 
 
 @dataclass(frozen=True)
@@ -129,14 +131,14 @@ def ranking(results: Results) -> Ranking:
     """
     level, groups = train_level(results), group_episodes(results.episodes)
     trained = trained_policies(results)
-    paper, most_cost = task_of(results.suite) == PAPER_TASK, greatest_cost(results.suite)
+    paper = task_of(results.suite) == PAPER_TASK
     rows, missing = [], []
     for name in results.policies:
         if (episodes := groups.get((name, level))) is None:
             missing.append(f"{name} {results.gap(name)}")
             continue
         limit = (COST_LIMIT if paper else limit_of(results, name)) if name in trained else None
-        figures = mean_estimate(episodes, "return_"), mean_estimate(episodes, "cost", most_cost)
+        figures = [mean_estimate(episodes, each, bounds_of(results.suite, each, episodes)) for each in FIGURES]
         completed = float(np.mean([row.success for row in episodes]))
         about = "" if name in trained else IN_WORDS.get(name.partition(" (")[0], OTHER)
         rows.append(Ranked(name, 0, *figures, completed, limit, about))

@@ -7,10 +7,10 @@ from thalweg.bench.evaluate.episodes import FIRST_COST, Episode
 from thalweg.bench.report.policies import seeds_text
 from thalweg.bench.report.published import PUBLISHED, Published
 from thalweg.bench.report.table import PAPER, Table, estimate_figures, frame
-from thalweg.bench.results.inference import Estimate, bootstrap_iqm_return, iqm_return, proportion
+from thalweg.bench.results.inference import Bounds, Estimate, bootstrap_iqm_return, iqm_return, proportion
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import Summary, group_episodes, mean_and_std_text, summaries
-from thalweg.bench.suite.record import has_papers_rules
+from thalweg.bench.suite.record import bounds_of, has_papers_rules
 
 UNPUBLISHED = "not published"
 """Text where the paper gives no figure for a level on which it has others."""
@@ -91,15 +91,16 @@ def _paper_figures(
     return rows
 
 
-DETAILS: dict[str, tuple[str, Callable[[Sequence[Episode]], Estimate]]] = {
+DETAILS: dict[str, tuple[str, Callable[[Sequence[Episode], Bounds], Estimate]]] = {
     "return, IQM": ("return_iqm", iqm_return),
     "return, IQM (bootstrap)": ("return_iqm_bootstrap", bootstrap_iqm_return),
-    "success": ("success", lambda rows: proportion(rows, lambda row: row.success)),
-    "tight violation": ("tight", lambda rows: proportion(rows, lambda row: row.tight > 0)),
-    "loose violation": ("loose", lambda rows: proportion(rows, lambda row: row.loose > 0)),
-    "ended by a cost": ("cost_incurred", lambda rows: proportion(rows, lambda row: row.reason == FIRST_COST)),
+    "success": ("success", lambda rows, _: proportion(rows, lambda row: row.success)),
+    "tight violation": ("tight", lambda rows, _: proportion(rows, lambda row: row.tight > 0)),
+    "loose violation": ("loose", lambda rows, _: proportion(rows, lambda row: row.loose > 0)),
+    "ended by a cost": ("cost_incurred", lambda rows, _: proportion(rows, lambda row: row.reason == FIRST_COST)),
 }
-"""Estimates by their headings: their name among the figures, and how they are computed from episodes."""
+"""Estimates by their headings: their name among the figures, and how they are computed from episodes and the bounds of
+their returns."""
 HARD_DETAILS = ("ended by a cost",)
 """Those of results of the hard mode only."""
 
@@ -120,7 +121,9 @@ def detail_table(results: Results) -> Table:
             texts.append([algorithm, level, gap, seeds, *[gap] * (len(columns) - 4)])
             figures.append([algorithm, level, 0, 0, planned, *[None] * (len(counted) - 5)])
             continue
-        estimates = [estimate(groups[algorithm, level]) for _, estimate in shown.values()]
+        episodes = groups[algorithm, level]
+        bounds = bounds_of(results.suite, "return_", episodes)
+        estimates = [estimate(episodes, bounds) for _, estimate in shown.values()]
         ahead = "" if cell.ahead_mean is None else f" ({cell.ahead_mean:.0%} of what lay ahead)"
         means = [f"{cell.progress_mean:.0%}{ahead}", f"{cell.length_mean:.0f}"]
         texts.append([algorithm, level, str(cell.episodes), seeds, *map(str, estimates), *means])

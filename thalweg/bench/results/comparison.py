@@ -18,7 +18,9 @@ from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.results.inference import (
     CONFIDENCE,
     MIN_SEEDS,
+    PAPERS,
     TOLERANCE,
+    Bounds,
     Estimate,
     Proportion,
     clip,
@@ -41,25 +43,25 @@ def probability_of_improvement(first: np.ndarray, second: np.ndarray) -> Proport
     return widen_to_wilson(_welch_interval(pairs), len(first) * min(pairs.shape))
 
 
-def mean_difference(first: np.ndarray, second: np.ndarray, field: str, most: float | None = None) -> Estimate:
+def mean_difference(first: np.ndarray, second: np.ndarray, field: str, bounds: Bounds = PAPERS) -> Estimate:
     """Return the mean of a field in `first` [L, M] minus that in `second` [L, K], from the same starts.
 
-    `most`: the field's greatest value, see `inference.field_bounds`.
+    `bounds`: of the field, see `inference.field_bounds`.
     """
     estimate = _welch_interval(_compare_seeds(first, second, np.subtract))
-    return _widen_to_starts(estimate, first, second, field, most)
+    return _widen_to_starts(estimate, first, second, field, bounds)
 
 
-def paired_difference(after: np.ndarray, before: np.ndarray, field: str) -> Estimate:
+def paired_difference(after: np.ndarray, before: np.ndarray, field: str, bounds: Bounds = PAPERS) -> Estimate:
     """Return the mean change of a field of the same M policies [L, M] between two conditions, paired by start and
     policy.
 
-    Raises `ValueError` for matrices of different shapes.
+    `bounds`: of the field, see `inference.field_bounds`. Raises `ValueError` for matrices of different shapes.
     """
     if after.shape != before.shape:
         raise ValueError(f"episodes {after.shape} and {before.shape} are not of the same starts and policies")
     per_seed = (after - before).mean(0)
-    return _widen_to_starts(t_interval(float(per_seed.mean()), per_seed), after, before, field)
+    return _widen_to_starts(t_interval(float(per_seed.mean()), per_seed), after, before, field, bounds)
 
 
 def difference_between_starts(after: np.ndarray, before: np.ndarray, field: str) -> Estimate:
@@ -77,11 +79,11 @@ def difference_between_starts(after: np.ndarray, before: np.ndarray, field: str)
 
 
 def _widen_to_starts(
-    estimate: Estimate, first: np.ndarray, second: np.ndarray, field: str, most: float | None = None
+    estimate: Estimate, first: np.ndarray, second: np.ndarray, field: str, bounds: Bounds = PAPERS
 ) -> Estimate:
     """Return the estimate of a difference with an interval at least as wide as that over the same starts."""
     per_start = first.mean(1) - second.mean(1)
-    return _widen_to(t_interval(estimate.value, per_start), estimate, first, second, field, most)
+    return _widen_to(t_interval(estimate.value, per_start), estimate, first, second, field, bounds)
 
 
 def _widen_to(
@@ -90,7 +92,7 @@ def _widen_to(
     first: np.ndarray,
     second: np.ndarray,
     field: str,
-    most: float | None = None,
+    bounds: Bounds = PAPERS,
 ) -> Estimate:
     """Return the estimate of a difference with an interval at least as wide as that `over_starts`, since seeds that
     agree are no evidence of certainty.
@@ -99,11 +101,11 @@ def _widen_to(
     (MOVER: Zou and Donner 2008, "Construction of confidence limits about effect measures").
     """
     if np.isnan(over_starts.low) or over_starts.high - over_starts.low <= TOLERANCE:
-        one, other = independent_mean(first, field, most), independent_mean(second, field, most)
+        one, other = independent_mean(first, field, bounds), independent_mean(second, field, bounds)
         below = np.hypot(one.value - one.low, other.high - other.value)
         above = np.hypot(one.high - one.value, other.value - other.low)
         over_starts = Estimate(estimate.value, estimate.value - float(below), estimate.value + float(above))
-    greatest = field_range(field, first, second, most=most)
+    greatest = field_range(field, first, second, bounds=bounds)
     return clip(widen(estimate, over_starts), -greatest, greatest)
 
 

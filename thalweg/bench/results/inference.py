@@ -26,8 +26,11 @@ CONFIDENCE = 0.95
 RESAMPLES = 2000
 """Resamples of a bootstrap."""
 FIELD_RANGES = {"return_": (0.0, FULL_COURSE_REWARD), "cost": (0.0, 1.0)}
-"""Least and greatest return and cost of an episode of the paper's task, whose rewards all tasks share; intervals of
-means are clipped to these ranges. The costs of other tasks have no greatest value, see `field_bounds`."""
+"""Least and greatest return and cost of an episode of the paper's task; intervals of means are clipped to these ranges.
+Those of other tasks may differ, see `thalweg.bench.suite.record.bounds_of`."""
+Bounds = tuple[float | None, float | None]
+"""Least and greatest value of a field of episodes; None for that of the paper's task."""
+PAPERS: Bounds = (None, None)
 TOLERANCE = 1e-9
 """Returns that differ by no more are equal: a return is a sum, and its last digits depend on the order of rewards."""
 Statistic = Callable[..., np.ndarray]
@@ -98,8 +101,8 @@ def wilson_interval(value: float, count: int) -> tuple[float, float]:
     return (center - half_width) / weight, (center + half_width) / weight
 
 
-def iqm_return(rows: Sequence[Episode]) -> Estimate:
-    """Return the interquartile mean of the episodes' returns.
+def iqm_return(rows: Sequence[Episode], bounds: Bounds = PAPERS) -> Estimate:
+    """Return the interquartile mean of the episodes' returns; `bounds`: see `field_bounds`.
 
     It has no interval where a seed did not fly every start, nor where it is equal for all seeds: equal values are no
     evidence of certainty.
@@ -108,20 +111,20 @@ def iqm_return(rows: Sequence[Episode]) -> Estimate:
         scores = score_matrix(rows)
     except ValueError:
         scores = np.array([[row.return_] for row in rows])
-    estimate = clip(seed_estimate(scores), *field_bounds("return_", scores))
+    estimate = clip(seed_estimate(scores), *field_bounds("return_", scores, bounds=bounds))
     return Estimate(estimate.value) if np.ptp(iqm(scores, axis=0)) <= TOLERANCE else estimate
 
 
-def bootstrap_iqm_return(rows: Sequence[Episode]) -> Estimate:
+def bootstrap_iqm_return(rows: Sequence[Episode], bounds: Bounds = PAPERS) -> Estimate:
     """Return the interquartile mean with the stratified bootstrap interval of Agarwal et al. (2021).
 
     Starts are the strata; in each, seeds are drawn with replacement, `RESAMPLES` times. The interval is that of the
-    percentiles.
+    percentiles. `bounds` are those of `iqm_return`, which has the interval where a seed did not fly every start.
     """
     try:
         scores = score_matrix(rows)
     except ValueError:
-        return iqm_return(rows)
+        return iqm_return(rows, bounds)
     value = float(iqm(scores.ravel()))
     if scores.shape[1] < MIN_SEEDS:
         return Estimate(value)
@@ -137,29 +140,29 @@ def bootstrap_iqm_return(rows: Sequence[Episode]) -> Estimate:
     return Estimate(value, float(interval.low), float(interval.high))
 
 
-def mean_estimate(rows: Sequence[Episode], field: str, most: float | None = None) -> Estimate:
+def mean_estimate(rows: Sequence[Episode], field: str, bounds: Bounds = PAPERS) -> Estimate:
     """Return the mean of a field over episodes; without an interval where a seed did not fly every start.
 
-    `most`: see `field_bounds`.
+    `bounds`: see `field_bounds`.
     The interval is at least as wide as `independent_mean`'s, since equal means of seeds are no evidence of certainty.
     """
     try:
         scores = score_matrix(rows, field)
     except ValueError:
         return Estimate(float(np.mean([getattr(row, field) for row in rows])))
-    bounds = field_bounds(field, scores, most=most)
-    return clip(widen(seed_estimate(scores, np.mean), _independent_mean(scores, *bounds)), *bounds)
+    ends = field_bounds(field, scores, bounds=bounds)
+    return clip(widen(seed_estimate(scores, np.mean), _independent_mean(scores, *ends)), *ends)
 
 
-def independent_mean(scores: np.ndarray, field: str, most: float | None = None) -> Estimate:
+def independent_mean(scores: np.ndarray, field: str, bounds: Bounds = PAPERS) -> Estimate:
     """Return the mean of scores [L, M] with the interval that they have if all are independent: Student's t, or
-    Wilson's where all scores are equal and have a greatest value. `most`: see `field_bounds`."""
-    return _independent_mean(scores, *field_bounds(field, scores, most=most))
+    Wilson's where all scores are equal and have a least and a greatest value. `bounds`: see `field_bounds`."""
+    return _independent_mean(scores, *field_bounds(field, scores, bounds=bounds))
 
 
 def _independent_mean(scores: np.ndarray, least: float, most: float) -> Estimate:
     estimate = t_interval(float(scores.mean()), scores.ravel())
-    if not np.isfinite(most) or np.ptp(scores) > TOLERANCE:
+    if not np.isfinite(most - least) or np.ptp(scores) > TOLERANCE:
         return estimate
     ends = wilson_interval(float(np.clip((estimate.value - least) / (most - least), 0.0, 1.0)), scores.size)
     return Estimate(estimate.value, *(least + (most - least) * end for end in ends))
@@ -185,24 +188,28 @@ def clip(estimate: Estimate, least: float, most: float) -> Estimate:
     return Estimate(estimate.value, *(float(np.clip(end, least, most)) for end in (estimate.low, estimate.high)))
 
 
-def field_bounds(field: str, *scores: np.ndarray, most: float | None = None) -> tuple[float, float]:
+def field_bounds(field: str, *scores: np.ndarray, bounds: Bounds = PAPERS) -> tuple[float, float]:
     """Return the least and the greatest value of a field of episodes with these scores; infinite where none is known.
 
-    `most`: the greatest value, infinite where there is none; by default that of the paper's task, unless an episode
-    exceeds it.
+    `bounds`: least and greatest, infinite where there is none; None for that of the paper's task, unless an episode
+    lies beyond it.
     """
-    least, usual = FIELD_RANGES.get(field, (-np.inf, np.inf))
-    if most is not None:
-        return least, most
-    exceeded = any(each.size and each.max() > usual + TOLERANCE for each in scores)
-    return least, np.inf if exceeded else usual
+    least, most = bounds
+    usual_least, usual_most = FIELD_RANGES.get(field, (-np.inf, np.inf))
+    if least is None:
+        below = any(each.size and each.min() < usual_least - TOLERANCE for each in scores)
+        least = -np.inf if below else usual_least
+    if most is None:
+        above = any(each.size and each.max() > usual_most + TOLERANCE for each in scores)
+        most = np.inf if above else usual_most
+    return least, most
 
 
-def field_range(field: str, *scores: np.ndarray, most: float | None = None) -> float:
-    """Return the greatest possible difference of two means of a field of episodes with these scores; `most`: see
+def field_range(field: str, *scores: np.ndarray, bounds: Bounds = PAPERS) -> float:
+    """Return the greatest possible difference of two means of a field of episodes with these scores; `bounds`: see
     `field_bounds`."""
-    least, greatest = field_bounds(field, *scores, most=most)
-    return greatest - least
+    least, most = field_bounds(field, *scores, bounds=bounds)
+    return most - least
 
 
 def proportion(rows: Sequence[Episode], predicate: Callable[[Episode], bool]) -> Proportion:

@@ -5,7 +5,7 @@ Only the values that are read are checked; another version may have written more
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,12 @@ from typing import Any
 from pydantic import model_validator
 
 from thalweg.bench.csv_files import ResultsError
+from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.rivers import NAME
 from thalweg.bench.suite.views import views_in_words
 from thalweg.core.config import TupleOf, frozen_config, parse_config
-from thalweg.env.tasks import PAPER_TASK
+from thalweg.env.task.reward_cost import FULL_COURSE_REWARD
+from thalweg.env.tasks import PAPER_TASK, TASKS
 from thalweg.world.real.selection import Selection
 
 MOST_SHOWN = 200
@@ -252,10 +254,22 @@ def _reach_in_words(river: Mapping[str, Any]) -> str:
     return f"the real river of {river.get('file')} (content {river.get('content')}{of})"
 
 
-def greatest_cost(record: Mapping[str, Any]) -> float | None:
-    """Return the greatest cost of an episode of a suite's record for `inference.field_bounds`: infinite where each
-    step may cost, None for the paper's task."""
-    return None if task_of(record) == PAPER_TASK else math.inf
+def bounds_of(
+    record: Mapping[str, Any], field: str, episodes: Iterable[Episode] = ()
+) -> tuple[float | None, float | None]:
+    """Return the bounds of a field of episodes of a suite's record for `inference.field_bounds`.
+
+    Costs have no greatest value where each step may cost. In `Portage` a flight may end further from the station than
+    it began on an open course, not on a loop, where no place is further than the start; a task of a plug-in may have
+    its rules.
+    """
+    task = task_of(record)
+    if field == "cost" and task != PAPER_TASK:
+        return None, math.inf
+    may_lose_way = task not in TASKS or TASKS[task].portage
+    if field == "return_" and may_lose_way and any(row.ahead is not None for row in episodes):
+        return -FULL_COURSE_REWARD, None
+    return None, None
 
 
 def has_papers_rules(record: Mapping[str, Any]) -> bool:

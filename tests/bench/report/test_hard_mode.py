@@ -10,10 +10,14 @@ from tests.env import handmade
 from thalweg.bench.evaluate.episodes import FIRST_COST, REASON_TEXT, REASONS
 from thalweg.bench.report.failure_maps import failure_maps
 from thalweg.bench.report.figures import REASON_COLOURS, failure_bars
+from thalweg.bench.report.html.page import page
 from thalweg.bench.report.result_tables import detail_table, paper_table
+from thalweg.bench.report.sections import SECTIONS, FigureSection
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import summarise
+
+(FAILURES,) = (each for each in SECTIONS if isinstance(each, FigureSection) and each.name == "failures")
 
 
 @pytest.fixture
@@ -31,6 +35,23 @@ def test_the_bars_name_it(hard: Results):
     of_cost = bars["incurred a cost"]
     assert [bar.get_width() for bar in of_cost] == [0, 0.5]
     assert sum(bar.get_width() for each in bars.values() for bar in each[1:]) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("task", "words"),
+    [
+        ("River", "Yellow to grey: loose ones, cost 0.2."),
+        ("Nests", "Grey: the deadline, which costs nothing. Purple: ended by the first cost of the task."),
+    ],
+)
+def test_the_note_says_which_colours_cost(task: str, words: str, hard: Results):
+    assert f"{words}</p>" in page(replace(hard, suite=hard.suite | {"task": task}), [FAILURES], {}, {}, [])
+
+
+def test_the_note_names_no_end_by_a_cost_where_there_is_none(tiny_results: Path):
+    results = read_results(tiny_results)
+    found = page(replace(results, suite=results.suite | {"task": "Nests"}), [FAILURES], {}, {}, [])
+    assert "Grey: the deadline, which costs nothing.</p>" in found
 
 
 def test_the_tables_count_it(hard: Results):

@@ -22,6 +22,8 @@ from thalweg.bench.report.result_tables import detail_table, paper_table
 from thalweg.bench.report.suite_tables import algorithm_table, runs_table
 from thalweg.bench.report.table import Table
 from thalweg.bench.results.results import MAIN_FILM, Results
+from thalweg.bench.suite.record import task_of
+from thalweg.env.tasks import PAPER_TASK
 from thalweg.world import LEVELS
 
 
@@ -60,6 +62,8 @@ class FigureSection:
     """Whether the page has it as a JPEG, as suits pictures without lines and text."""
     leads: bool = False
     """Whether it stands at the top of the page, beside the ranking, if no section before it does."""
+    explain: Callable[[Results], str] | None = None
+    """Computes what stands after the note, of a figure whose reading depends on the results."""
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -87,6 +91,17 @@ Section = TableSection | FigureSection | FilmSection
 def _describe_training(results: Results) -> str:
     names = ", ".join(dict.fromkeys(log.algorithm for log in results.training))
     return f"Four curves over training steps for {names}: return, and violations per step: all, tight and loose."
+
+
+def colours_in_words(results: Results) -> str:
+    """Return what the colours of reasons say of costs, by the task and the mode of some results."""
+    if task_of(results.suite) == PAPER_TASK:
+        return "Red: tight violations, cost 1. Yellow to grey: loose ones, cost 0.2."
+    ended = " Purple: ended by the first cost of the task." if results.hard else ""
+    return (
+        "Red: tight violations, cost 1. Yellow and beige: loose ones, cost 0.2. Grey: the deadline, which costs"
+        f" nothing.{ended}"
+    )
 
 
 SECTIONS: tuple[Section, ...] = (
@@ -122,7 +137,8 @@ SECTIONS: tuple[Section, ...] = (
         "Why episodes ended",
         failure_bars,
         lambda _: "Bars: the share of episodes that ended for each reason, by policy and level.",
-        "Shares of each policy's episodes. Red: tight violations, cost 1. Yellow to grey: loose ones, cost 0.2.",
+        "Shares of each policy's episodes.",
+        explain=colours_in_words,
     ),
     TableSection(
         "details",

@@ -139,7 +139,9 @@ def _contents(
     if content or section.fallback:
         anchor = re.sub(r"\W+", "-", getattr(section, "name", section.title.lower()))
         leads = not isinstance(section, TableSection) and section.leads
-        heading = {"title": section.title, "note": section.note, "fallback": section.fallback, "anchor": anchor}
+        explain = section.explain if isinstance(section, FigureSection) else None
+        note = " ".join(filter(None, (section.note, explain(results) if explain else "")))
+        heading = {"title": section.title, "note": note, "fallback": section.fallback, "anchor": anchor}
         yield dict.fromkeys(("columns", "image", "films")) | heading | {"leads": leads} | content
 
 

@@ -12,6 +12,7 @@ from thalweg.bench.report.policies import limit_met
 from thalweg.bench.report.table import Table
 from thalweg.bench.results.inference import Estimate
 from thalweg.bench.results.results import Results
+from thalweg.bench.results.statistics import TrainingLog
 
 
 def rows_of(table: Table) -> list[dict[str, str]]:
@@ -28,6 +29,12 @@ def test_the_limit_table_has_the_cost_of_evaluation_and_of_training(results: Res
     assert (by["PPO"]["regret in training"], by["FOCOPS"]["regret in training"]) == ("0.40", "unknown")
     assert (by["PPO"]["minutes"], by["PPO"]["steps a second"]) == ("3.00", "8.00")
     assert by["P3O"]["cost"] == "failed"
+
+
+def test_a_run_without_a_finished_episode_counts_for_no_regret(results: Results):
+    empty = [TrainingLog(name, 1, *[np.zeros(0)] * 4, 1000) for name in ("PPO", "FOCOPS")]  # pyright: ignore
+    rows = rows_of(limit_table(replace(results, training=[*results.training, *empty])))
+    assert [row["regret in training"] for row in rows[:2]] == ["0.40", "unknown"]
 
 
 def test_sixty_episodes_without_a_cost_meet_the_limit(results: Results):

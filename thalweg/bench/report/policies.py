@@ -48,8 +48,8 @@ def evaluated_seeds(results: Results, policy: str, episodes: Sequence[Episode]) 
 
 def training_regret(results: Results, policy: str) -> float | None:
     """Return the mean over seeds of the training cost above `COST_LIMIT`, per episode of the last stage; None without
-    a training log."""
-    per_seed = [regret(log, COST_LIMIT) for log in results.training if log.algorithm == policy]
+    a training log that has an episode."""
+    per_seed = [regret(log, COST_LIMIT) for log in results.training if log.algorithm == policy and len(log.step)]
     return float(np.mean(per_seed)) if per_seed else None
 
 

@@ -24,6 +24,7 @@ from thalweg.bench.execute.verification import verify
 from thalweg.bench.leaderboard import entries, leaderboard
 from thalweg.bench.packaged import PACKAGED_POLICIES, PACKAGED_RGB
 from thalweg.bench.report.report import problems
+from thalweg.bench.report.result_tables import paper_table
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.run_versions import read_versions
@@ -121,6 +122,21 @@ def test_the_report_needs_no_file_and_marks_outdated_flights(
     assert (read_results(folder).outdated, problems(read_results(folder))) == ({}, [])
     monkeypatch.setattr(versions, "RENDER", versions.RENDER + 1)
     assert set(read_results(folder).outdated) == {f"student (render {versions.RENDER - 1})"}
+
+
+def test_one_of_three_seeds_of_a_student_is_told_as_one_of_three(tmp_path: Path, runs: list[Path]):
+    found = run_suite(suite(student(runs)), tmp_path / "results", SmallBackend(), only=("student-0",)).results
+    assert paper_table(found).text["seeds"].tolist() == ["1 of 3"]
+
+
+def test_the_leaderboard_counts_the_seeds_of_a_student_that_were_flown(tmp_path: Path, runs: list[Path]):
+    run_suite(suite(student(runs)), tmp_path / "results", SmallBackend(), only=("student-0",))
+    assert [entry.seeds for entry in entries(tmp_path / "results")] == [1]
+
+
+def test_a_student_has_a_run_of_each_of_its_files(tmp_path: Path, runs: list[Path]):
+    found = run_suite(suite(student(runs)), tmp_path / "results", SmallBackend()).results
+    assert found.runs_of("student") == ["student-0", "student-1", "student-2"]
 
 
 def test_the_leaderboard_ranks_three_seeds_of_a_student_with_an_interval(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.leaderboard.policy_entry import PolicyEntry, arm_fields, versions_of
+from thalweg.bench.leaderboard.policy_entry import PolicyEntry, arm_fields, finished_seeds, versions_of
 from thalweg.bench.leaderboard.requirements import (
     LEVEL,
     UNSEEN,
@@ -120,7 +120,7 @@ def _flown_entry(results: Results, name: str, policy: dict[str, Any], usual: Fli
         versions=versions_of(results, name),
         level="not here",
         steps=0,
-        seeds=len(seeds),
+        seeds=finished_seeds(results, name),
         cost=mean_estimate(usual[LEVEL], "cost") if LEVEL in usual else None,
         returns=_returns(usual, unseen),
         regret=None,

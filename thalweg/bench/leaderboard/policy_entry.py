@@ -21,7 +21,7 @@ class PolicyEntry:
     steps: int
     """Training steps of each seed."""
     seeds: int
-    """Number of seeds whose training finished."""
+    """Number of seeds whose runs finished."""
     missing: tuple[str, ...]
     """What the results lack of the requirements of its task."""
     critics_see: str = "none"
@@ -56,6 +56,11 @@ def versions_of(results: Results, name: str) -> str:
     return "current" if outdated is None else outdated.versions
 
 
+def finished_seeds(results: Results, name: str) -> int:
+    """Return the number of runs that finished of the policy under whose name episodes stand in results."""
+    return sum(row.algorithm == name and row.status == "finished" for row in results.runs)
+
+
 def arm_fields(results: Results, name: str, arm: dict[str, Any], usual: Flights, unseen: Flights) -> dict[str, Any]:
     """Return the fields of `PolicyEntry` of an arm with its flights on each level, on the usual and on unseen rivers.
 
@@ -67,7 +72,7 @@ def arm_fields(results: Results, name: str, arm: dict[str, Any], usual: Flights,
         "source": results.folder.resolve().name,
         "versions": versions_of(results, name),
         "steps": training_steps(arm),
-        "seeds": sum(row.algorithm == name and row.status == "finished" for row in results.runs),
+        "seeds": finished_seeds(results, name),
         "missing": ("current versions",) if outdated else tuple(missing_of_arm(results, arm, usual, unseen)),
         "critics_see": results.critics_see(name),
         "observation": observation_of(results.suite, arm),

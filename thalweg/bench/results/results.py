@@ -14,7 +14,7 @@ films/PPO-best.mp4, ...       the same for the best flight and the typical failu
 report/                       the report, made from the files above alone
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -263,14 +263,17 @@ class Results:
         """Return whether a policy has been run, under just that name."""
         return policy in {row.algorithm for row in self.runs}
 
+    def _seeds_of(self, name: str) -> Sequence[int]:
+        """Return the seeds that the suite asks for of a policy: those of its arm, or the places of its files; 0 of
+        another one."""
+        planned = {each["name"]: seeds_of_flown(each) for each in self.suite.get("policies", [])}
+        return (planned | {arm["name"]: arm["seeds"] for arm in arms_of(self.suite)}).get(name, [0])
+
     def runs_of(self, policy: str) -> list[str]:
-        """Return the names of the runs of a policy with all seeds of its arm; of one that was not trained, its only
-        one."""
+        """Return the names of the runs of a policy with all seeds that the suite asks for."""
         old = self.outdated.get(policy)
         name = policy if old is None else old.policy
-        arm = next((arm for arm in arms_of(self.suite) if arm["name"] == name), None)
-        seeds = [0] if arm is None else arm["seeds"]
-        return [f"{name}-{seed}" if old is None else old.run(seed) for seed in seeds]
+        return [f"{name}-{seed}" if old is None else old.run(seed) for seed in self._seeds_of(name)]
 
     def made_by(self, policy: str) -> str:
         """Return version and source of all plug-ins and functions that the runs of a policy were made with; empty for
@@ -284,8 +287,7 @@ class Results:
 
     def planned_seeds(self, algorithm: str) -> int:
         """Return the number of seeds that the suite asks for of a policy."""
-        planned = sum(len(arm["seeds"]) for arm in arms_of(self.suite) if arm["name"] == algorithm)
-        return max(planned, sum(row.algorithm == algorithm for row in self.runs), 1)
+        return max(len(self._seeds_of(algorithm)), sum(row.algorithm == algorithm for row in self.runs), 1)
 
     @property
     def most_steps(self) -> int:

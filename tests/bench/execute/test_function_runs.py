@@ -8,13 +8,15 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.bench.small_backend import SUITE, SmallBackend
+from tests.bench.small_backend import ARMS, SUITE, SmallBackend
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.leaderboard import entries, leaderboard
+from thalweg.bench.leaderboard.requirements import REQUIREMENTS
 from thalweg.bench.report.report import problems
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.run_versions import read_sources, read_versions
@@ -68,6 +70,19 @@ def test_a_suite_flies_a_function_once_and_records_its_version_and_source(file: 
     assert (problems(outcome.results), outcome.results.policies) == ([], ["hover", "ahead"])
     recorded = json.loads((tmp_path / "results" / "suite.json").read_text())["policies"]
     assert recorded == [{"function": f"{file}:ahead", "name": "ahead", "observation": "privileged"}]
+
+
+def test_the_leaderboard_lists_functions_of_a_task_apart(file: Path, tmp_path: Path):
+    rules: dict[str, Any] = {"task": "Nests", "observation": "privileged"}
+    planned = suite(file, arms=ARMS[:1], test_levels=("Medium",), **rules)
+    run_suite(planned, tmp_path / "results", SmallBackend())
+    trained, _, apart = leaderboard([tmp_path / "results"]).partition("### Nests, not trained here\n")
+    assert [("PPO" in part, "ahead" in part) for part in (trained, apart)] == [(True, False), (False, True)]
+
+
+def test_a_page_of_tasks_alone_has_no_requirements_of_the_papers_task(file: Path, tmp_path: Path):
+    run_suite(suite(file, task="Nests", test_levels=("Medium",)), tmp_path / "results", SmallBackend())
+    assert REQUIREMENTS[0] not in leaderboard([tmp_path / "results"])
 
 
 def test_a_raised_version_flies_it_again_and_a_changed_source_warns(file: Path, tmp_path: Path):

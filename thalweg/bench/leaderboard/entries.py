@@ -6,22 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from thalweg.bench.csv_files import ResultsError
-from thalweg.bench.leaderboard.policy_entry import PolicyEntry, arm_fields, finished_seeds, versions_of
-from thalweg.bench.leaderboard.requirements import (
-    LEVEL,
-    UNSEEN,
-    Flights,
-    counted,
-    missing_flights,
-    missing_rules,
-    missing_starts,
-)
-from thalweg.bench.packaged import PACKAGED, PACKAGED_SEES
+from thalweg.bench.leaderboard.policy_entry import PolicyEntry, arm_fields, flown_fields, flown_policies
+from thalweg.bench.leaderboard.requirements import LEVEL, UNSEEN, Flights, counted
 from thalweg.bench.report.policies import limit_met, training_regret
 from thalweg.bench.results.inference import Estimate, mean_estimate
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
-from thalweg.bench.suite.record import arms_of, begins_with_teacher, encoder_of, seeds_of_flown, task_of
+from thalweg.bench.suite.record import arms_of, task_of
 from thalweg.env.tasks import PAPER_TASK
 from thalweg.world import LEVELS
 
@@ -39,10 +30,6 @@ class Entry(PolicyEntry):
     failures."""
     regret: float | None
     """Mean over seeds, in the last stage of training; None where it is not known."""
-    trained: bool = True
-    """Whether it was trained here; functions, the packaged policy and others of files were not."""
-    taught: bool = False
-    """Whether it learnt from a teacher that knows the map, or began with a policy that did, as the packaged one."""
 
     @property
     def limit_met(self) -> str:
@@ -83,8 +70,7 @@ def entries_of(results: Results) -> list[Entry]:
         for name, usual, other in flown_names(results, arm["name"]):
             if usual or any(row.algorithm == name for row in results.runs):
                 found.append(_entry(results, name, arm, usual, other))
-    packaged = {"name": PACKAGED, "observation": PACKAGED_SEES, "taught": True}
-    for policy in [*([packaged] if results.suite.get("packaged") else []), *results.suite.get("policies", [])]:
+    for policy in flown_policies(results):
         for name, usual, other in flown_names(results, policy["name"]):
             if usual:
                 found.append(_flown_entry(results, name, policy, usual, other))
@@ -110,26 +96,13 @@ def _returns(usual: Flights, unseen: Flights) -> dict[str, Estimate]:
 
 
 def _flown_entry(results: Results, name: str, policy: dict[str, Any], usual: Flights, unseen: Flights) -> Entry:
-    """Return the entry of a policy that was not trained here, by its record in the suite; each of its seeds, which a
-    policy of several files alone has, was flown once from every start."""
-    seeds, rules = seeds_of_flown(policy), missing_rules(results, has_price=False)
-    missing = [*rules, *missing_starts(results), *missing_flights(results, seeds, usual, unseen)]
+    """Return the entry of a policy that was not trained here, see `flown_fields`."""
     return Entry(
-        policy=policy["name"],
-        source=results.folder.resolve().name,
-        versions=versions_of(results, name),
+        **flown_fields(results, name, policy, usual, unseen),
         level="not here",
-        steps=0,
-        seeds=finished_seeds(results, name),
         cost=mean_estimate(usual[LEVEL], "cost") if LEVEL in usual else None,
         returns=_returns(usual, unseen),
         regret=None,
-        missing=("current versions",) if name in results.outdated else tuple(missing),
-        observation=policy["observation"],
-        encoder=encoder_of(results.suite, policy),
-        made_by=results.made_by(name),
-        trained=False,
-        taught=bool(policy.get("taught")),
     )
 
 
@@ -141,5 +114,4 @@ def _entry(results: Results, name: str, arm: dict[str, Any], usual: Flights, uns
         cost=mean_estimate(usual[LEVEL], "cost") if LEVEL in usual else None,
         returns=_returns(usual, unseen),
         regret=training_regret(results, name),
-        taught=begins_with_teacher(arm),
     )

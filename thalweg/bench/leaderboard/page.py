@@ -6,6 +6,7 @@ from pathlib import Path
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.leaderboard.entries import Entry, entries_of, read_folder
+from thalweg.bench.leaderboard.kinds import APART, sees_frames
 from thalweg.bench.leaderboard.requirements import LEVEL, REQUIREMENTS, UNSEEN
 from thalweg.bench.leaderboard.task_tables import tasks_section
 from thalweg.bench.leaderboard.tasks import task_entries
@@ -34,15 +35,6 @@ versions that differ, and the row is not ranked until it has been run again.
 Policies see frames through an encoder, that of the autoencoder unless *(geometry)* follows the name. The name of one
 that sees images itself is followed by their channels, {" or ".join(f"*({channels})*" for channels in IMAGES)}.
 """
-TAUGHT_NOTE = """These policies learnt from a pilot that knows the map before anything else, so they are ranked among
-themselves. The packaged policy was imitated on other rivers than these, in more steps than a row may have, and is flown
-once from every start, so that it has no interval over seeds. Other policies of files are flown in the same way, each
-file as a seed; on which rivers they learnt, and in how many steps, is not known here. Rows with steps began with a
-policy of these kinds, and their steps are those after it."""
-PRIVILEGED_NOTE = """These policies see what a perfect camera could tell instead of frames, so they are ranked among
-themselves."""
-FUNCTIONS_NOTE = """Functions, and policies that were trained before, flown as they are, once from every start; each
-file of a policy is a seed. *Versions* has the version and the hash of the source of each function."""
 OTHER_LEVELS = tuple(level for level in LEVELS if level != LEVEL)
 COLUMNS = (
     "policy", "results", "limit met", "cost", LEVEL, *OTHER_LEVELS, "unseen", "regret",
@@ -59,14 +51,14 @@ def leaderboard(folders: Sequence[Path]) -> str:
     every = [read_folder(folder) for folder in folders]
     papers = [results for results in every if task_of(results.suite) == PAPER_TASK]
     found = sorted((entry for results in papers for entry in entries_of(results)), key=lambda entry: entry.sort_key)
-    of_tasks = [entry for results in every if results not in papers for entry in task_entries(results)]
+    of_tasks = [results for results in every if task_of(results.suite) != PAPER_TASK]
     paragraphs = [
         INTRODUCTION,
         f"```sh\n{shlex.join(['thalweg', 'leaderboard', *map(str, folders)])}\n```\n",
-        *(_papers_sections(found) if papers or not of_tasks else []),
+        *(_papers_sections(found) if papers else []),
     ]
     if of_tasks:
-        paragraphs.append(tasks_section(of_tasks))
+        paragraphs.append(tasks_section([entry for results in of_tasks for entry in task_entries(results)]))
     return "\n".join(paragraphs)
 
 
@@ -85,20 +77,12 @@ def _check_names(folders: Sequence[Path]) -> None:
 def _papers_sections(found: Sequence[Entry]) -> Iterable[str]:
     """Yield the paragraphs about policies of the paper's task, the best first."""
     complete = [entry for entry in found if not entry.missing]
-    alone = [entry for entry in complete if entry.trained and not entry.taught]
-    yield (
-        _ranked([entry for entry in alone if not entry.privileged])
-        or "No policy that sees frames has a complete row yet.\n"
-    )
+    yield _ranked(list(filter(sees_frames, complete))) or "No policy that sees frames has a complete row yet.\n"
     requirements = "\n".join(f"- {line};" for line in REQUIREMENTS).removesuffix(";") + "."
     yield f"A row shows\n\n{requirements}\n"
-    for title, note, rows in (
-        ("Imitated, and trained from an imitated policy", TAUGHT_NOTE, [each for each in complete if each.taught]),
-        ("With the privileged observation", PRIVILEGED_NOTE, [entry for entry in alone if entry.privileged]),
-        ("Not trained here", FUNCTIONS_NOTE, [each for each in complete if not (each.trained or each.taught)]),
-    ):
-        if table := _ranked(rows):
-            yield f"## {title}\n\n{note}\n\n{table}"
+    for kind in APART:
+        if table := _ranked(list(filter(kind.includes, complete))):
+            yield f"## {kind.title}\n\n{kind.note}\n\n{table}"
     if unranked := [[*_row(entry), "; ".join(entry.missing)] for entry in found if entry.missing]:
         table = markdown(frame([*COLUMNS, "lacks"], unranked))
         yield f"## Not ranked\n\nThe last column names what these rows lack.\n\n{table}"

@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 from typing import Any
 
-from thalweg.bench.leaderboard.requirements import Flights, missing_of_arm
+from thalweg.bench.leaderboard.requirements import Flights, missing_of_arm, missing_of_flown
+from thalweg.bench.packaged import PACKAGED, PACKAGED_SEES
 from thalweg.bench.results.results import Results
-from thalweg.bench.suite.record import encoder_of, observation_of, training_steps
+from thalweg.bench.suite.record import begins_with_teacher, encoder_of, observation_of, training_steps
 from thalweg.train.observations import FRAMES, PRIVILEGED
 
 
@@ -32,6 +33,10 @@ class PolicyEntry:
     """Name of the packaged encoder of its frames, if it sees their codes."""
     made_by: str = ""
     """Version and source of the plug-ins that it was trained by, or of the function that it is."""
+    trained: bool = True
+    """Whether it was trained here; functions, the packaged policy and others of files were not."""
+    taught: bool = False
+    """Whether it learnt from a teacher that knows the map, or began with a policy that did, as the packaged one."""
 
     @property
     def privileged(self) -> bool:
@@ -78,4 +83,34 @@ def arm_fields(results: Results, name: str, arm: dict[str, Any], usual: Flights,
         "observation": observation_of(results.suite, arm),
         "encoder": encoder_of(results.suite, arm),
         "made_by": results.made_by(name),
+        "taught": begins_with_teacher(arm),
+    }
+
+
+def flown_policies(results: Results) -> list[dict[str, Any]]:
+    """Return the records of the policies of a suite that were not trained in its results: the packaged one if it is
+    flown, functions, and others of files."""
+    packaged = {"name": PACKAGED, "observation": PACKAGED_SEES, "taught": True}
+    return [*([packaged] if results.suite.get("packaged") else []), *results.suite.get("policies", [])]
+
+
+def flown_fields(
+    results: Results, name: str, policy: dict[str, Any], usual: Flights, unseen: Flights
+) -> dict[str, Any]:
+    """Return the fields of `PolicyEntry` of one of the `flown_policies` with its flights, as `arm_fields` does; each of
+    its seeds, which a policy of several files alone has, was flown once from every start."""
+    return {
+        "policy": policy["name"],
+        "source": results.folder.resolve().name,
+        "versions": versions_of(results, name),
+        "steps": 0,
+        "seeds": finished_seeds(results, name),
+        "missing": ("current versions",)
+        if name in results.outdated
+        else tuple(missing_of_flown(results, policy, usual, unseen)),
+        "observation": policy["observation"],
+        "encoder": encoder_of(results.suite, policy),
+        "made_by": results.made_by(name),
+        "trained": False,
+        "taught": bool(policy.get("taught")),
     }

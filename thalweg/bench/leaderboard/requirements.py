@@ -10,7 +10,7 @@ from thalweg.bench.results.curve import CURVE, EPISODES
 from thalweg.bench.results.inference import MIN_SEEDS, score_matrix
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
-from thalweg.bench.suite.record import has_forces, task_of, training_steps
+from thalweg.bench.suite.record import has_forces, seeds_of_flown, task_of, training_steps
 from thalweg.env.tasks import PAPER_TASK, TASKS
 from thalweg.world import LEVELS
 
@@ -71,6 +71,15 @@ def missing_of_arm(results: Results, arm: dict[str, Any], usual: Flights, unseen
     missing += missing_starts(results)
     missing += [line for seed in planned for line in _missing_of_run(results, arm["name"], seed, files)]
     return missing + missing_flights(results, planned, usual, unseen, levels)
+
+
+def missing_of_flown(results: Results, policy: dict[str, Any], usual: Flights, unseen: Flights) -> list[str]:
+    """Return what a policy that was not trained in the results lacks, as `missing_of_arm`, by its record in the
+    suite."""
+    has_price = task_of(results.suite) != PAPER_TASK
+    levels, seeds = (LEVEL,) if has_price else tuple(LEVELS), seeds_of_flown(policy)
+    missing = [*missing_rules(results, has_price), *missing_starts(results)]
+    return missing + missing_flights(results, seeds, usual, unseen, levels)
 
 
 def missing_rules(results: Results, has_price: bool) -> list[str]:

@@ -1,8 +1,9 @@
-"""The tables of the leaderboard for tasks where safety has a price: one for each task and kind of sight."""
+"""The tables of the leaderboard for tasks where safety has a price: one for each task and kind of policy."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
 from thalweg.bench.fronts.fronts import FIXED, UNSEEN
+from thalweg.bench.leaderboard.kinds import APART, FUNCTIONS, TAUGHT, sees_frames
 from thalweg.bench.leaderboard.requirements import LEVEL, TASK_REQUIREMENTS
 from thalweg.bench.leaderboard.tasks import TaskEntry, fronts_of
 from thalweg.bench.report.policies import CRITICS_SEE
@@ -26,16 +27,18 @@ ORACLE = "oracle"
 
 
 def tasks_section(found: Sequence[TaskEntry]) -> str:
-    """Return the section of the tasks, with a table for each task and kind of sight, as far as there are policies."""
+    """Return the section of the tasks, with a table for each task and kind of policy, as far as there are policies."""
     tables = []
     for task in dict.fromkeys(entry.task for entry in found):
-        for privileged, words in ((False, "through frames"), (True, "with the privileged observation")):
-            own = [entry for entry in found if (entry.task, entry.privileged) == (task, privileged)]
+        for words, includes in (("Through frames", sees_frames), *((kind.title, kind.includes) for kind in APART)):
+            own = [entry for entry in found if entry.task == task and includes(entry)]
             if own:
-                tables.append(f"### {task}, {words}\n\n{task_table(own, fronts_of(task))}")
+                heading = f"### {task}, {words[0].lower()}{words[1:]}"
+                tables.append(f"{heading}\n\n{task_table(own, fronts_of(task))}")
     requirements = "\n".join(f"- {line};" for line in TASK_REQUIREMENTS).removesuffix(";") + "."
     about = f"{NOTE}\nA row with a rank shows\n\n{requirements}\n"
-    return "\n".join(["## Tasks where safety has a price\n", about, *tables])
+    notes = [f"{kind.title}: {kind.note}\n" for kind in (TAUGHT, FUNCTIONS) if any(map(kind.includes, found))]
+    return "\n".join(["## Tasks where safety has a price\n", about, *notes, *tables])
 
 
 def task_table(found: Sequence[TaskEntry], fronts: Mapping[str, Front]) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 from thalweg.bench.fronts.fronts import FIXED, UNSEEN, front_of, packaged_points
 from thalweg.bench.leaderboard.entries import flown_names
-from thalweg.bench.leaderboard.policy_entry import PolicyEntry, arm_fields
+from thalweg.bench.leaderboard.policy_entry import PolicyEntry, arm_fields, flown_fields, flown_policies
 from thalweg.bench.leaderboard.requirements import LEVEL, Flights
 from thalweg.bench.report.policies import limit_met
 from thalweg.bench.report.price_tables import by_seed, limit_of, mean_cost, mean_return, task_cost, task_return
@@ -56,19 +56,26 @@ def fronts_of(task: str) -> dict[str, Front]:
 
 
 def task_entries(results: Results) -> list[TaskEntry]:
-    """Return the trained policies of results of a task, as far as any run of them has started."""
+    """Return the policies of results of a task, as far as any run of them has started: trained ones, the packaged one,
+    functions, and others of files."""
     fronts, found = fronts_of(task_of(results.suite)) if oracle_knows(results.suite) else {}, []
     for arm in arms_of(results.suite):
         for name, usual, other in flown_names(results, arm["name"]):
             if usual or any(row.algorithm == name for row in results.runs):
-                found.append(_entry(results, name, arm, fronts, {FIXED: usual, UNSEEN: other}))
+                about = arm_fields(results, name, arm, usual, other)
+                found.append(_entry(results, name, about, fronts, {FIXED: usual, UNSEEN: other}))
+    for policy in flown_policies(results):
+        for name, usual, other in flown_names(results, policy["name"]):
+            if usual:
+                about = flown_fields(results, name, policy, usual, other)
+                found.append(_entry(results, name, about, fronts, {FIXED: usual, UNSEEN: other}))
     return found
 
 
 def _entry(
-    results: Results, name: str, arm: dict[str, Any], fronts: dict[str, Front], flights: dict[str, Flights]
+    results: Results, name: str, about: dict[str, Any], fronts: dict[str, Front], flights: dict[str, Flights]
 ) -> TaskEntry:
-    """Return the entry of an arm, see `arm_fields`, with its flights by rivers."""
+    """Return the entry of a policy with its flights by rivers; `about`: the fields of `PolicyEntry`."""
     flown = {rivers: rows for rivers, levels in flights.items() if (rows := levels.get(LEVEL))}
     regrets = {
         rivers: by_seed(rows, lambda own, front=fronts[rivers]: front.regret(mean_cost(own), mean_return(own)))
@@ -76,7 +83,7 @@ def _entry(
         if rivers in fronts and name not in results.outdated
     }
     return TaskEntry(
-        **arm_fields(results, name, arm, flights[FIXED], flights[UNSEEN]),
+        **about,
         task=task_of(results.suite),
         limit=limit_of(results, name),
         returns={rivers: task_return(results, rows) for rivers, rows in flown.items()},

@@ -6,6 +6,7 @@ import pytest
 
 from tests.bench.report.small_results import SUITE, flights
 from thalweg.bench.report import ranking as module
+from thalweg.bench.report.comparison_tables import pairwise_table
 from thalweg.bench.report.html.page import page
 from thalweg.bench.report.ranking import OTHER, ranking
 from thalweg.bench.results.inference import mean_estimate
@@ -40,6 +41,15 @@ def test_policies_without_flights_on_the_level_are_named(results: Results):
     assert found.missing == ("P3O failed",)
     assert found.note.endswith(" Without flights on Medium: P3O failed.")
     assert "Without" not in ranking(replace(results, suite=replace(SUITE, arms=SUITE.arms[:2]).as_data(), runs=[])).note
+
+
+def test_the_note_names_the_section_of_pairs_only_where_there_is_one(results: Results):
+    old = OutdatedPolicy("PPO", "render 1")
+    rows = [replace(row, algorithm=old.name) if row.algorithm == "PPO" else row for row in results.episodes]
+    half = replace(results, episodes=rows, outdated={old.name: old})
+    assert len(ranking(half).trained) == 2
+    for each in (results, half):
+        assert ("In pairs" in ranking(each).note) == (not pairwise_table(each).text.empty)
 
 
 def test_the_limit_of_the_papers_task_is_a_tenth_and_the_interval_says_whether_it_is_met(results: Results):

@@ -86,6 +86,8 @@ class Ranking:
     """Those that were not trained here, the greatest return first."""
     limit: float | None
     """The limit that all of the trained policies have; None where they differ."""
+    paired: bool = False
+    """Whether trained policies are compared in pairs, as `comparison_tables.pairwise_table` does current ones."""
     missing: tuple[str, ...] = ()
     """Policies without flights on the level, and why they have none, such as `P3O failed`."""
 
@@ -112,7 +114,7 @@ class Ranking:
     def note(self) -> str:
         """How to read the ranking."""
         same = "Policies whose lines overlap may be equally good" + (
-            ": see the section In pairs." if len(self.trained) > 1 else "."
+            ": see the section In pairs." if self.paired else "."
         )
         return (
             "Policies whose mean cost is within the limit come first, and among these the greater mean return. Bars are"
@@ -149,6 +151,7 @@ def ranking(results: Results) -> Ranking:
         tuple(replace(row, place=place) for place, row in enumerate(ranked, start=1)),
         tuple(sorted((row for row in rows if row.about), key=_by_return)),
         limits.pop() if len(limits) == 1 else None,
+        sum(row.policy not in results.outdated for row in ranked) > 1,
         tuple(missing),
     )
 

@@ -25,7 +25,7 @@ class Leaderboard(Command):
 
         if self.out is not None:
             check_file("--out", self.out, ".md")
-        page = leaderboard(self.results)
+        page = leaderboard(self.results, self.plugin)
         if self.out is None:
             print(page)
         else:

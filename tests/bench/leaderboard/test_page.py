@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.bench.versioned import record_current_versions
+from tests.plugins import EXAMPLE, no_plugins  # noqa: F401  (a fixture)
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.conditions import Condition, Trial
 from thalweg.bench.evaluate.episodes import Episode, read_episodes, write_episodes
@@ -273,6 +274,15 @@ def test_the_page_in_the_docs_is_what_its_command_writes(monkeypatch: pytest.Mon
     said = (root / "docs" / "leaderboard.md").read_text()
     (command,) = re.findall(r"^thalweg leaderboard (.*)$", said, flags=re.MULTILINE)
     assert said == leaderboard([Path(folder) for folder in command.split()])
+
+
+@pytest.mark.usefixtures("no_plugins")
+def test_the_command_on_the_page_loads_the_plugins_that_it_was_made_with(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    folder = str(write(tmp_path / "mine"))
+    assert main(["leaderboard", folder, "--plugin", str(EXAMPLE)]) == 0
+    assert f"thalweg leaderboard {folder} --plugin {EXAMPLE}\n" in capsys.readouterr().out
 
 
 def test_the_command_prints_the_page_or_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture):

@@ -42,9 +42,10 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def leaderboard(folders: Sequence[Path]) -> str:
+def leaderboard(folders: Sequence[Path], plugins: Sequence[Path] = ()) -> str:
     """Return the leaderboard of some results folders as a page in Markdown: the paper's task, then others.
 
+    The command that the page names also loads the files of `plugins`, which have been loaded.
     Raises `ResultsError` for no folder, for one that cannot be used, and for two with the same name.
     """
     _check_names(folders)
@@ -52,9 +53,10 @@ def leaderboard(folders: Sequence[Path]) -> str:
     papers = [results for results in every if task_of(results.suite) == PAPER_TASK]
     found = sorted((entry for results in papers for entry in entries_of(results)), key=lambda entry: entry.sort_key)
     of_tasks = [results for results in every if task_of(results.suite) != PAPER_TASK]
+    loaded = [text for file in plugins for text in ("--plugin", str(file))]
     paragraphs = [
         INTRODUCTION,
-        f"```sh\n{shlex.join(['thalweg', 'leaderboard', *map(str, folders)])}\n```\n",
+        f"```sh\n{shlex.join(['thalweg', 'leaderboard', *map(str, folders), *loaded])}\n```\n",
         *(_papers_sections(found) if papers else []),
     ]
     if of_tasks:

@@ -87,6 +87,32 @@ def test_eight_coefficients_of_opencv_are_those_of_the_rational_model(tmp_path: 
     assert camera.lens == Lens("rational_polynomial", (0.1, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0, 0.0))
 
 
+@pytest.mark.parametrize(("fisheye", "taken"), [(1, "equidistant"), ("true", "equidistant"), (0, "plumb_bob")])
+def test_files_of_opencv_say_whether_the_lens_is_a_fisheye(fisheye: Any, taken: str, tmp_path: Path):
+    text = f"{OPENCV.format(coefficients='-0.01, 0.002, 0., 0.')}fisheye_model: {fisheye}\n"
+    camera = camera_of_calibration(written(tmp_path, text))
+    assert camera.lens is not None and camera.lens.model == taken
+
+
+def test_four_coefficients_without_a_model_are_refused(tmp_path: Path):
+    with pytest.raises(RenderError, match=r"may be those of plumb_bob or of equidistant .* name the model"):
+        camera_of_calibration(written(tmp_path, OPENCV.format(coefficients="0., 0., 0., 0.")))
+
+
+@pytest.mark.parametrize(
+    ("model", "fisheye", "told"),
+    [
+        ("plumb_bob", 1, "fisheye_model is 1, but distortion_model is 'plumb_bob': leave out one of them"),
+        ("plumb_bob", 2, "fisheye_model must be 0 or 1, not 2"),
+    ],
+)
+def test_a_fisheye_that_is_none_is_refused(model: str, fisheye: Any, told: str, tmp_path: Path):
+    path = written(tmp_path, model=model)
+    path.write_text(f"{path.read_text()}fisheye_model: {fisheye}\n")
+    with pytest.raises(RenderError, match=told):
+        camera_of_calibration(path)
+
+
 def test_a_lens_that_moves_no_pixel_by_more_than_a_tenth_is_left_out(tmp_path: Path):
     # The corners are at x = 320 / 400 and y = 240 / 400, r = 1; they move by k1 r³ f = 400 k1 pixels.
     assert camera_of_calibration(written(tmp_path, coefficients=[0.00024])).lens is None

@@ -106,11 +106,7 @@ def _calibration(path: Path) -> Calibration:
             f"{path}: the focal lengths fx = {matrix[0, 0]:g} and fy = {matrix[1, 1]:g} pixels must be above 0"
         )
     given = _numbers(told.get("distortion_coefficients", []), path, "distortion_coefficients")
-    model = told.get("distortion_model")
-    if model is None:
-        # OpenCV names no model: its files have five coefficients, or eight of the rational one.
-        model = "rational_polynomial" if np.any(given[len(COEFFICIENTS["plumb_bob"]) :]) else "plumb_bob"
-    model = OTHER_NAMES.get(str(model), model)
+    model = _model(told, given, path)
     if model not in MODELS:
         names = ", ".join((*MODELS, *OTHER_NAMES))
         raise RenderError(f"{path}: the distortion is that of the model {model!r}; known: {names}: rectify the images")
@@ -123,6 +119,30 @@ def _calibration(path: Path) -> Calibration:
     return Calibration(
         width, height, np.diag(matrix)[:2], matrix[:2, 2], model, tuple(float(number) for number in given[:most])
     )
+
+
+def _model(told: dict[str, Any], given: np.ndarray, path: Path) -> Any:
+    """Return the name of the model of the coefficients [K], which need not be one of `MODELS`.
+
+    OpenCV names no model: its files of fisheye lenses have `fisheye_model: 1`, the others five coefficients or more,
+    of which all after the fifth belong to the rational model. Four are of either kind of lens.
+    """
+    fisheye, named = told.get("fisheye_model"), told.get("distortion_model")
+    if fisheye not in (None, 0, 1):
+        raise RenderError(f"{path}: fisheye_model must be 0 or 1, not {fisheye!r:.40}")
+    if named is not None:
+        named = OTHER_NAMES.get(str(named), named)
+        if fisheye and named != "equidistant":
+            raise RenderError(f"{path}: fisheye_model is 1, but distortion_model is {named!r}: leave out one of them")
+        return named
+    if fisheye is None and len(given) == len(COEFFICIENTS["equidistant"]):
+        raise RenderError(
+            f"{path}: the four distortion_coefficients may be those of plumb_bob or of equidistant (fisheye): name the"
+            " model by distortion_model"
+        )
+    if fisheye:
+        return "equidistant"
+    return "rational_polynomial" if np.any(given[len(COEFFICIENTS["plumb_bob"]) :]) else "plumb_bob"
 
 
 def _read(path: Path) -> dict[str, Any]:

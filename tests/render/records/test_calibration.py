@@ -1,6 +1,7 @@
 """Tests of cameras of calibration files: what is taken over, and which files are refused."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -188,6 +189,26 @@ def test_a_file_that_is_no_calibration_is_refused(text: str, told: str, tmp_path
     with pytest.raises(RenderError, match=told) as refused:
         camera_of_calibration(path)
     assert str(path) in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "shown"),
+    [
+        ([400, 0.01, 319.5, 0, 400, 239.5, 0, 0, 1], "400, 0.01, 319.5, 0, 400, 239.5, 0, 0, 1"),
+        ([800, 0, 639, 0, 800, 479, 0, 0, 2], "800, 0, 639, 0, 800, 479, 0, 0, 2"),
+        ([400, 0, 0, 0, 400, 0, 319.5, 239.5, 1], "400, 0, 0, 0, 400, 0, 319.5, 239.5, 1"),
+    ],
+    ids=["skewed", "scaled", "transposed"],
+)
+def test_a_matrix_that_is_not_of_a_camera_without_skew_is_refused(matrix: list[float], shown: str, tmp_path: Path):
+    text = f"image_width: 640\nimage_height: 480\ncamera_matrix: {matrix}"
+    with pytest.raises(RenderError, match=re.escape(f"without skew, not [{shown}]")):
+        camera_of_calibration(written(tmp_path, text))
+
+
+def test_rounding_in_a_matrix_is_no_skew(tmp_path: Path):
+    text = "image_width: 640\nimage_height: 480\ncamera_matrix: [400, 1.0e-9, 319.5, 0, 400, 239.5, 0, 0, 1.0]"
+    assert camera_of_calibration(written(tmp_path, text)).lens is None
 
 
 def test_a_coefficient_beyond_all_lenses_is_refused(tmp_path: Path):

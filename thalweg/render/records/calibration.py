@@ -18,6 +18,8 @@ MOST_PX = 100_000
 """Greatest height and width of an image."""
 OTHER_NAMES: dict[str, DistortionModel] = {"fisheye": "equidistant", "radtan": "plumb_bob", "none": "plumb_bob"}
 """Names of models that other programs write."""
+MOST_ROUNDING = 1e-6
+"""Greatest difference of the numbers of a camera_matrix that are 0 or 1 in cameras without skew."""
 LEAST_SHIFT_PX = 0.1
 """Greatest distance in the image between a pixel of the calibration and that of a pinhole with square pixels and its
 axis in the middle, at which the camera is taken for such a pinhole, which is drawn faster and also on a GPU."""
@@ -101,10 +103,14 @@ def _calibration(path: Path) -> Calibration:
     """Return what a file says; raises `RenderError` for one that is no calibration, or of an unknown model."""
     told = _read(path)
     width, height, matrix = _of(told, path)
-    if not (matrix[0, 0] > 0 and matrix[1, 1] > 0):
+    fx, fy, (cx, cy) = matrix[0, 0], matrix[1, 1], matrix[:2, 2]
+    if not np.allclose(matrix, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], rtol=0, atol=MOST_ROUNDING):
         raise RenderError(
-            f"{path}: the focal lengths fx = {matrix[0, 0]:g} and fy = {matrix[1, 1]:g} pixels must be above 0"
+            f"{path}: camera_matrix must be [fx, 0, cx, 0, fy, cy, 0, 0, 1], a camera without skew, not"
+            f" [{', '.join(f'{number:g}' for number in matrix.ravel())}]"
         )
+    if not (fx > 0 and fy > 0):
+        raise RenderError(f"{path}: the focal lengths fx = {fx:g} and fy = {fy:g} pixels must be above 0")
     given = _numbers(told.get("distortion_coefficients", []), path, "distortion_coefficients")
     model = _model(told, given, path)
     if model not in MODELS:

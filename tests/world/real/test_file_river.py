@@ -50,6 +50,17 @@ def test_a_line_beside_the_middle_gives_the_banks_their_direction_and_name(tmp_p
     np.testing.assert_allclose(plan.river.width_m, 12, atol=0.02)
 
 
+def test_elevations_of_ways_between_measured_banks_are_left_out_with_a_note(tmp_path):
+    way = line(straight(), waterway="river")
+    for index, place in enumerate(way["geometry"]["coordinates"]):
+        place.append(500.0 - index)
+    path = write(tmp_path, polygon(box(0, -6, 200, 6), natural="water"), way)
+    plan, flat = planned(path), planned(path, flat_water=True)
+    assert plan.notes[-1] == "elevations of the ways left out: the water between measured banks is level"
+    assert np.ptp(plan.river.level_m) == 0
+    assert plan.notes[:-1] == flat.notes
+
+
 def test_polygons_that_touch_are_one_and_a_pond_far_from_the_line_does_not_count(tmp_path):
     parts = [polygon(box(0, -6, 90, 6)), polygon(box(90.2, -6, 200, 6)), polygon(box(50, 60, 90, 80))]
     plan = planned(write(tmp_path, *parts, line(straight())))

@@ -146,6 +146,8 @@ def _course(drawing: Drawing, selection: Selection, stem_name: str) -> tuple[Tra
     if axis is not None:
         places = np.column_stack([axis.degrees, np.full(len(axis.degrees), np.nan)])
         width = axis.width_m
+        if stem is not None and not selection.flat_water and np.isfinite(stem.places[:, 2]).any():
+            notes.append("elevations of the ways left out: the water between measured banks is level")
     else:
         assert stem is not None
         places, width = stem.places, _filled(stem, selection.width_m)

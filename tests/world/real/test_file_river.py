@@ -30,6 +30,12 @@ def test_two_ways_drawn_against_one_another_are_one_river(tmp_path):
     assert (one.name, two.name) == ("Test River", "two")
 
 
+def test_a_way_beside_others_that_are_left_out_is_one_way(tmp_path):
+    stub = line([(200, 0), (200.5, 0)], waterway="river")
+    plan = planned(write(tmp_path, RIVER, stub))
+    assert plan.notes == ("1 way joined, 0 of them turned; 1 beside the main stem left out",)
+
+
 def test_the_centre_line_and_width_of_a_rectangle(tmp_path):
     plan = planned(write(tmp_path, polygon(box(0, -6, 200, 6), natural="water")))
     river = plan.river

@@ -135,7 +135,7 @@ def _course(drawing: Drawing, selection: Selection, stem_name: str) -> tuple[Tra
     stem = join_ways([_way(feature) for feature in drawing.ways]) if drawing.ways else None
     if stem is not None and len(drawing.ways) > 1:
         notes.append(
-            f"{stem.joined} ways joined, {stem.turned} of them turned"
+            f"{stem.joined} way{'' if stem.joined == 1 else 's'} joined, {stem.turned} of them turned"
             + (f"; {stem.left_out} beside the main stem left out" if stem.left_out else "")
         )
     axis = None

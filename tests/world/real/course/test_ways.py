@@ -32,6 +32,11 @@ def test_a_way_that_runs_against_the_others_is_turned():
     assert (stem.joined, stem.turned, stem.left_out) == (3, 1, 0)
 
 
+def test_ways_of_one_label_are_counted_one_by_one():
+    stem = join_ways([way(A, B), way(C, B), way(C, D), way((60, 40), B)])
+    assert (stem.joined, stem.turned, stem.left_out) == (3, 1, 1)
+
+
 def test_the_line_runs_as_most_of_its_length_does():
     assert xs(join_ways([way(B, A), way(B, C), way(D, C)])) == [300, 180, 100, 0]
     assert xs(join_ways([way(B, A), way(B, D)])) == [0, 100, 300]

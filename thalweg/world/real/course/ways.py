@@ -71,7 +71,8 @@ def join_ways(ways: Sequence[Way]) -> Stem:
         return Stem(ways[0].places, ways[0].width_m, 1, 0, 0)
     if len(ways) > MAX_WAYS:
         raise WorldError(f"{len(ways)} ways of water; limit {MAX_WAYS}: keep only the river")
-    pieces = [way for way in _split(ways) if way.length_m > JOIN_M]
+    split = [(index, piece) for index, piece in _split(ways) if piece.length_m > JOIN_M]
+    way_of, pieces = [index for index, _ in split], [piece for _, piece in split]
     if not pieces:
         raise WorldError(f"its {len(ways)} ways of water are all shorter than {JOIN_M:g} m")
     network = _Network(pieces)
@@ -81,7 +82,6 @@ def join_ways(ways: Sequence[Way]) -> Stem:
         raise WorldError(
             f"its {len(ways)} ways of water are loops that meet in one place, so that none is the main stem: keep one"
         )
-    chosen = {piece for piece, _ in route}
     lengths = np.array([pieces[piece].length_m * (1 if forward else -1) for piece, forward in route])
     # Of as much length both ways, the first way in the file decides.
     tie = abs(lengths.sum()) <= 1e-6 * np.abs(lengths).sum()
@@ -93,20 +93,21 @@ def join_ways(ways: Sequence[Way]) -> Stem:
     first, last = network.ends[route[0][0]], network.ends[route[-1][0]]
     if first[0 if route[0][1] else 1] == last[1 if route[-1][1] else 0]:
         places[-1] = places[0]
-    labels = {pieces[piece].label for piece in chosen}
-    turned = {pieces[piece].label for piece, forward in route if not forward}
-    return Stem(places, widths, len(labels), len(turned), len({way.label for way in ways} - labels))
+    # By index, since several ways may have one label.
+    joined = {way_of[piece] for piece, _ in route}
+    turned = {way_of[piece] for piece, forward in route if not forward}
+    return Stem(places, widths, len(joined), len(turned), len(ways) - len(joined))
 
 
-def _split(ways: Sequence[Way]) -> list[Way]:
-    """Return the ways, split at inner positions at which another one begins or ends."""
+def _split(ways: Sequence[Way]) -> list[tuple[int, Way]]:
+    """Return the pieces of ways that are split where another one begins or ends, each with the index of its way."""
     ends = {tuple(place) for way in ways for place in (way.places[0, :2], way.places[-1, :2])}
     found = []
-    for way in ways:
+    for index, way in enumerate(ways):
         inner = [i for i in range(1, len(way.places) - 1) if tuple(way.places[i, :2]) in ends]
         for start, stop in pairwise([0, *inner, len(way.places) - 1]):
             rows = slice(start, stop + 1)
-            found.append(replace(way, places=way.places[rows], width_m=way.width_m[rows]))
+            found.append((index, replace(way, places=way.places[rows], width_m=way.width_m[rows])))
     return found
 
 

@@ -90,3 +90,10 @@ def test_an_island_that_a_file_has_twice_is_one():
     outlines = [each / per_degree for each in (ring, bank, rock)]
     found = place_solids(outlines, [], (0.0, 0.0), RIVER)
     assert found.islands[:, 2] == pytest.approx([6.0, 1.0], rel=0.01)
+
+
+@pytest.mark.parametrize(("north_m", "left_out"), [(0.0, 0), (40.0, 1)], ids=["in the river", "on land"])
+def test_an_island_that_a_file_has_twice_is_left_out_once_at_most(north_m: float, left_out: int):
+    t = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+    ring = np.column_stack([60 + 6 * np.cos(t), north_m + 2 * np.sin(t)]) / 111_195.0
+    assert place_solids([ring, ring[::-1]], [], (0.0, 0.0), RIVER).outside == left_out

@@ -43,7 +43,8 @@ class Solids:
     bridges: np.ndarray
     """[B, 11] as in `World.bridges`."""
     outside: int
-    """Number of islands and bridges of the file that are not on the course, or too small, or run along it."""
+    """Number of islands and bridges of the file that are not on the course, or too small, or run along it; an island
+    that the file has twice counts once."""
 
 
 def place_solids(
@@ -53,10 +54,14 @@ def place_solids(
     origin = np.array(origin_deg)
     rows = [ellipse_of(local_metres(_near(ring, origin), origin)) for ring in outlines]
     islands: list[np.ndarray] = []
+    beside: list[np.ndarray] = []
     for row in rows:
-        # Maps have an island as a hole of the water and as an area of its own.
-        if row is not None and _is_in_channel(row, river) and not any(_is_same(row, other) for other in islands):
-            islands.append(row)
+        if row is not None:
+            # Maps have an island as a hole of the water and as an area of its own.
+            group = islands if _is_in_channel(row, river) else beside
+            if not _is_among(row, group):
+                group.append(row)
+    left_out = sum(row is None for row in rows) + sum(not _is_among(row, islands) for row in beside)
     crossings: list[Crossing] = []
     crossing_lines = 0
     for feature in lines:
@@ -69,7 +74,7 @@ def place_solids(
     return Solids(
         np.array(islands, dtype=np.float64).reshape(-1, 5),
         np.array(bridges, dtype=np.float64).reshape(-1, 11),
-        len(outlines) - len(islands) + len(lines) - crossing_lines,
+        left_out + len(lines) - crossing_lines,
     )
 
 
@@ -104,6 +109,11 @@ def ellipse_of(ring: np.ndarray) -> np.ndarray | None:
         return None
     angle = np.arctan2(axes[1, 1], axes[0, 1]) % np.pi
     return np.array([*(middle + centre), along * scale, across * scale, angle])
+
+
+def _is_among(row: np.ndarray, others: Sequence[np.ndarray]) -> bool:
+    """Return whether an island [5] is one of others, as `_is_same` compares them."""
+    return any(_is_same(row, other) for other in others)
 
 
 def _is_same(row: np.ndarray, other: np.ndarray) -> bool:

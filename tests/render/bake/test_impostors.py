@@ -238,6 +238,21 @@ def test_atlas_is_kept_on_the_disk_and_shared_by_nearly_equal_suns(folder, atlas
     assert [file.suffix for file in folder.iterdir()] == [".npz"]
 
 
+@pytest.mark.parametrize(
+    ("changed", "value"),
+    [("llvmlite.binding.get_host_cpu_name", lambda: "another"), ("numba.__version__", "0"), ("numpy.__version__", "0")],
+    ids=["processor", "Numba", "NumPy"],
+)
+def test_another_machine_or_version_of_a_library_has_its_own_file(folder, monkeypatch, changed: str, value: object):
+    made = Atlas(np.zeros((1, 4), np.uint8), np.zeros(LEVELS, np.int64), np.zeros((1, VIEWS, 3), np.float32))
+    monkeypatch.setattr(impostors, "build", lambda elevation: made)
+    impostors.atlas(ELEVATION)
+    monkeypatch.setattr(changed, value)
+    impostors.remembered.cache_clear()
+    impostors.atlas(ELEVATION)
+    assert len([*folder.iterdir()]) == 2
+
+
 def test_damaged_file_is_rebuilt(folder, atlas, monkeypatch):
     monkeypatch.setattr(impostors, "build", lambda elevation: atlas)
     impostors.atlas(ELEVATION)

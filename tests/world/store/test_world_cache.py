@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from llvmlite import binding
 
 from tests.core.test_cache import refuse
 from tests.world.lines import circle, course
@@ -109,6 +110,11 @@ def test_another_width_of_vectors_changes_the_generator_hash(monkeypatch):
         monkeypatch.setenv("THALWEG_VECTOR_BITS", bits)
         hashes.add(store.generator_hash())
     assert len(hashes) == 2
+
+
+def test_another_kind_of_machine_changes_the_generator_hash(monkeypatch):
+    monkeypatch.setattr(binding, "get_host_cpu_name", lambda: "another")
+    assert store.generator_hash() != store.GENERATOR_HASH
 
 
 def test_the_worlds_that_were_not_used_for_longest_make_room(worlds, monkeypatch):

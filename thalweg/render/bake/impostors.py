@@ -18,6 +18,7 @@ import numpy as np
 
 from thalweg.core.atomic_io import atomic_path
 from thalweg.core.cache import PACKAGE, cache_dir, code_hash, keep_in_use
+from thalweg.core.compute.jit import machine_hash
 from thalweg.render.bake import sprites
 from thalweg.render.bake.trees import Model, grow
 from thalweg.world.species import KINDS, Kind
@@ -109,7 +110,7 @@ def remembered(steps: int) -> Atlas:
 
     Atlases that were not used for long, of this version or another, are removed from the disk.
     """
-    path = cache_dir() / f"atlas-{SOURCE_HASH}-{steps}.npz"
+    path = atlas_path(steps)
     made = stored(path)
     if made is None:
         made = build(steps * ELEVATION_STEP)
@@ -118,6 +119,11 @@ def remembered(steps: int) -> Atlas:
     for array in (made.texels, made.offset, made.shade):
         array.setflags(write=False)
     return made
+
+
+def atlas_path(steps: int) -> Path:
+    """Return the path of an atlas in the cache; its name holds what may change a bit of it."""
+    return cache_dir() / f"atlas-{SOURCE_HASH}-{np.__version__}-{machine_hash()}-{steps}.npz"
 
 
 def build(sun_elevation: float) -> Atlas:

@@ -1,6 +1,7 @@
-"""The cache of built worlds: one folder for each version of the code that builds them.
+"""The cache of built worlds: one folder for each version of the code that builds them, and kind of machine.
 
-Worlds of other versions cannot be used; their folders are removed after they have not been used for a while.
+Worlds have the same bits on machines of one kind only. Worlds of other versions cannot be used; their folders are
+removed after they have not been used for a while.
 """
 
 import contextlib
@@ -14,7 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from thalweg.core.cache import PACKAGE, cache_dir, code_hash, is_stored, keep_most_recent, remove_leftovers
-from thalweg.core.compute.kernel_compiler import preferred_vector_bits
+from thalweg.core.compute.jit import machine_hash
 from thalweg.world.banks import text_of
 from thalweg.world.errors import WorldFileError
 from thalweg.world.generate.build import build, resolve_level
@@ -31,8 +32,8 @@ LIBRARIES = ("numpy", "scipy", "numba")
 
 
 def generator_hash() -> str:
-    """Return a hash of the code that builds worlds, of the versions of its libraries, and of the width of vectors."""
-    components = [code_hash(SOURCES), *(version(library) for library in LIBRARIES), str(preferred_vector_bits())]
+    """Return a hash of the code that builds worlds, of its libraries, and of the machine, see `machine_hash`."""
+    components = [code_hash(SOURCES), *(version(library) for library in LIBRARIES), machine_hash()]
     return hashlib.sha256(" ".join(components).encode()).hexdigest()[:16]
 
 

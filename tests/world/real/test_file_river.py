@@ -75,8 +75,14 @@ def test_polygons_that_touch_are_one_and_a_pond_far_from_the_line_does_not_count
 
 def test_banks_that_cover_little_of_the_ways_leave_their_widths(tmp_path):
     plan = planned(write(tmp_path, polygon(box(0, -6, 60, 6), natural="water"), RIVER))
-    assert plan.notes == ("the banks cover 30% of the ways: widths are those of the ways",)
+    assert plan.notes == ("no piece of the banks covers more than 30% of the ways: widths are those of the ways",)
     assert plan.river.length_m == pytest.approx(200, abs=0.02)
+
+
+def test_of_banks_in_several_pieces_the_share_is_that_of_one(tmp_path):
+    pieces = [polygon(box(0, -6, 90, 6), natural="water"), polygon(box(120, -6, 200, 6), natural="water")]
+    plan = planned(write(tmp_path, *pieces, RIVER))
+    assert plan.notes == ("no piece of the banks covers more than 45% of the ways: widths are those of the ways",)
 
 
 def test_holes_and_islets_are_islands_and_ways_with_bridges_are_bridges(tmp_path):

@@ -25,7 +25,7 @@ from thalweg.world.real.sources.tags import metres, width_value
 from thalweg.world.record import River, World
 
 COVERED = 0.8
-"""Least share of the ways that must lie in the polygons of banks, for the banks to give the course."""
+"""Least share of the ways that must lie in one piece of the banks, for the banks to give the course."""
 MAX_NAME_LENGTH = 40
 """Maximum number of characters of a world's name."""
 
@@ -161,7 +161,8 @@ def _course(drawing: Drawing, selection: Selection, stem_name: str) -> tuple[Tra
 def _axis(drawing: Drawing, stem: Stem | None) -> tuple[bank_polygons.Axis | None, list[np.ndarray], str]:
     """Return the centre line of the banks, the outlines of their islands, and a note.
 
-    Ways of which too little lies in the banks, or which make a ring, are the course themselves: there is no line then.
+    Ways of which too little lies in one piece of the banks, or which make a ring, are the course themselves: there is
+    no line then.
     """
     along = None if stem is None else stem.places[:, :2]
     banks = bank_polygons.unite(drawing.banks, along)
@@ -170,7 +171,11 @@ def _axis(drawing: Drawing, stem: Stem | None) -> tuple[bank_polygons.Axis | Non
         if np.array_equal(along[0], along[-1]):
             return None, list(banks.holes), "the banks are not measured: the ways make a ring"
         if share < COVERED:
-            return None, list(banks.holes), f"the banks cover {share:.0%} of the ways: widths are those of the ways"
+            return (
+                None,
+                list(banks.holes),
+                f"no piece of the banks covers more than {share:.0%} of the ways: widths are those of the ways",
+            )
     axis = bank_polygons.axis_of(banks, along)
     low, high = axis.width_m.min(), axis.width_m.max()
     return axis, list(banks.holes), f"centre line and widths of {low:.1f} to {high:.1f} m measured between the banks"

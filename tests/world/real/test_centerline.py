@@ -1,6 +1,7 @@
 """Tests of worlds from custom lines, and of the errors for invalid lines."""
 
 import tracemalloc
+from typing import Any
 
 import numpy as np
 import pytest
@@ -88,6 +89,17 @@ BAD = {
 def test_an_invalid_line_is_refused_with_position_and_limit(points, closed, message):
     with pytest.raises(WorldError, match=message):
         World.from_centerline(points, closed, plants=False)
+
+
+def test_a_boolean_of_numpy_closes_a_line():
+    closed: Any = np.bool_(True)
+    assert world_of(circle(15.0, 24), closed).river.closed is True
+
+
+@pytest.mark.parametrize("closed", [0, 1, "yes", None])
+def test_anything_but_a_boolean_does_not_say_whether_a_line_is_closed(closed: Any):
+    with pytest.raises(WorldError, match=f"closed is {closed!r}; expected True or False"):
+        world_of(circle(15.0, 24), closed)
 
 
 @pytest.mark.parametrize(

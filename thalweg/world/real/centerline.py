@@ -147,10 +147,13 @@ def from_centerline(
         plants: False leaves out plants and baked light, which is faster; for tests.
         banks: Kinds of the banks, as `thalweg.world.banks.read_banks` takes them, such as "meadow".
 
-    Raises `WorldError` for a line from which no safe river can be made, with the position and the limit.
+    Raises `WorldError` for a line from which no safe river can be made, with the position and the limit, and for a
+    `closed` that is no boolean.
     """
+    if not isinstance(closed, bool | np.bool_):
+        raise WorldError(f"closed is {closed!r:.40}; expected True or False")
     reaches = read_banks(banks)
-    river = read_river(points, closed, float(plants))
+    river = read_river(points, bool(closed), float(plants))
     return world_around(river, np.zeros((0, 5)), np.zeros((0, 11)), seed, plants=plants, banks=reaches)
 
 

@@ -63,6 +63,12 @@ def test_the_same_line_and_seed_give_the_same_ground_and_another_seed_another():
     assert np.abs(first - other).max() > 0.3
 
 
+def test_a_custom_line_has_no_default_seed_of_a_level():
+    seed: Any = None
+    with pytest.raises(WorldError, match="a seed is a whole number, not None"):
+        World.from_centerline(course(circle(15.0, 24)), seed=seed, plants=False)
+
+
 def hairpin(gap_m: float) -> np.ndarray:
     """Two arms with that much land between them where they come together behind a wide loop."""
     t = np.linspace(-0.5 * np.pi, 1.5 * np.pi, 60)

@@ -164,6 +164,8 @@ def world_around(
 
     Raises `WorldError` for an invalid seed, and for a reach of banks that is not on the course.
     """
+    if seed is None:  # for which a level would give its default
+        raise WorldError("a seed is a whole number, not None")
     seed = resolve_level("Easy", seed)[1]
     check_banks(banks, river.length_m, river.closed)
     streams = [np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(seed).spawn(5)]

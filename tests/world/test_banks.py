@@ -84,6 +84,7 @@ def test_a_reach_is_as_exact_as_its_text():
         ({"kind": "quay", "start_m": -1}, r"start_m of quay is -1; expected metres of at least 0"),
         ({"kind": "quay", "end_m": np.nan}, r"end_m of quay is nan"),
         ({"kind": "quay", "end_m": True}, r"end_m of quay is True"),
+        ({"kind": "quay", "start_m": 10**400}, r"start_m of quay is 10{39}; expected metres"),
         ({"kind": "quay", "side": "north"}, r"the side of quay is 'north'; expected both, left, right"),
         (["meadow_left"] * 101, r"101 reaches; limit 100"),
     ],

@@ -62,10 +62,10 @@ class BankReach:
             value = getattr(self, name)
             if name == "end_m" and value is None:
                 continue
-            if isinstance(value, bool) or not isinstance(value, Real) or not 0 <= float(value) < math.inf:
-                raise WorldError(f"banks: {name} of {self.kind} is {value!r}; expected metres of at least 0")
+            if (metres := _metres(value)) is None:
+                raise WorldError(f"banks: {name} of {self.kind} is {value!r:.40}; expected metres of at least 0")
             # What is written of a reach is then the reach itself: names of levels and caches are made of it.
-            object.__setattr__(self, name, round(float(value), 3))
+            object.__setattr__(self, name, round(metres, 3))
         if self.end_m == self.start_m:
             raise WorldError(f"banks: the reach of {self.kind} begins and ends at {self.start_m:g} m; it has no length")
 
@@ -193,6 +193,16 @@ def _reach_of_text(text: str) -> BankReach:
 def _is_whole(reach: BankReach) -> bool:
     """Return whether a reach is all of both banks."""
     return reach.start_m == 0.0 and reach.end_m is None and reach.side == "both"
+
+
+def _metres(value: Any) -> float | None:
+    """Return a number of at least 0 as a float, None for anything else and for one that no float holds."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return None
+    try:
+        return metres if 0 <= (metres := float(value)) < math.inf else None
+    except OverflowError:
+        return None
 
 
 def _written(metres: float) -> str:

@@ -53,6 +53,14 @@ def test_a_stored_hash_is_reused_for_the_same_bytes(tmp_path: Path):
     assert len(list((tmp_path / "cache" / "code").iterdir())) == 1
 
 
+@pytest.mark.parametrize("content", [b"", b"0123", b"\xff" * 16, b"0123456789abcdef\n"])
+def test_a_stored_file_that_holds_no_hash_is_replaced(tmp_path: Path, content: bytes):
+    first = hash_of(tmp_path / "a", CODE)
+    (stored,) = (tmp_path / "cache" / "code").iterdir()
+    stored.write_bytes(content)
+    assert hash_of(tmp_path / "b", CODE) == first == stored.read_text()
+
+
 def test_an_unwritable_cache_folder_does_not_change_the_hash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     first = hash_of(tmp_path / "a", CODE)
     (tmp_path / "file").write_text("")

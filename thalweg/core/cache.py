@@ -7,6 +7,7 @@ import ast
 import contextlib
 import hashlib
 import os
+import re
 import shutil
 import time
 from collections.abc import Iterable
@@ -17,6 +18,8 @@ import platformdirs
 from thalweg.core.atomic_io import is_temporary, without_temporaries, write_atomic
 
 PACKAGE = Path(__file__).resolve().parent.parent
+DIGEST = re.compile(r"[0-9a-f]{16}")
+"""A hash of this module."""
 UNUSED_DAYS = 30
 """Days without use after which files in the cache are removed."""
 TEMPORARY_FILE_AGE_S = 86400.0
@@ -32,12 +35,14 @@ def cache_dir() -> Path:
 def code_hash(files: Iterable[Path]) -> str:
     """Return a hash of the code of Python files that ignores comments, docstrings, layout and file names.
 
-    Parsing takes tenths of a second, so the result is stored in the cache folder under a hash of the files' bytes.
+    Parsing takes tenths of a second, so the result is stored in the cache folder under a hash of the files' bytes. A
+    file there that holds no hash is replaced.
     """
     contents = [file.read_bytes() for file in sorted(files)]
     stored = cache_dir() / "code" / _digest(*(hashlib.sha256(content).digest() for content in contents))
-    with contextlib.suppress(OSError):
-        return stored.read_text(encoding="ascii")
+    with contextlib.suppress(OSError, UnicodeDecodeError):
+        if DIGEST.fullmatch(found := stored.read_text(encoding="ascii")):
+            return found
     result = _digest(*(ast.dump(_without_docstrings(ast.parse(content))).encode() for content in contents))
     with contextlib.suppress(OSError):
         write_atomic(stored, result)

@@ -158,6 +158,13 @@ def test_the_package_runs_as_a_module():
     assert output.stdout == "thalweg 0.1.0\n"
 
 
+def test_an_unknown_width_of_vectors_ends_a_command_in_one_line():
+    command = [sys.executable, "-m", "thalweg", "world"]
+    environment = {**os.environ, "THALWEG_VECTOR_BITS": "128"}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (2, "thalweg: THALWEG_VECTOR_BITS = '128': choose one of 256, 512\n")
+
+
 WRONG = [
     (["world", "--level", "medum"], "Easy, Medium, Hard"),
     (["render", "--level", "medum"], "Easy, Medium, Hard"),

@@ -25,14 +25,18 @@ VECTOR_SETTING = "THALWEG_VECTOR_BITS"
 VECTOR_WIDTHS = (256, 512)
 
 
+class VectorSettingError(ValueError):
+    """A setting of the width of vectors that is not one of `VECTOR_WIDTHS`."""
+
+
 def preferred_vector_bits() -> int:
     """Return the widest vectors in bits that kernels may use: 512, or `$THALWEG_VECTOR_BITS`.
 
-    Raises `ValueError` for a setting that is not one of `VECTOR_WIDTHS`.
+    Raises `VectorSettingError` for a setting that is not one of `VECTOR_WIDTHS`.
     """
     setting = os.environ.get(VECTOR_SETTING, "") or str(VECTOR_WIDTHS[-1])
     if setting not in map(str, VECTOR_WIDTHS):
-        raise ValueError(f"{VECTOR_SETTING} = {setting!r}: choose one of {', '.join(map(str, VECTOR_WIDTHS))}")
+        raise VectorSettingError(f"{VECTOR_SETTING} = {setting!r}: choose one of {', '.join(map(str, VECTOR_WIDTHS))}")
     return int(setting)
 
 

@@ -66,7 +66,7 @@ class Renderer:
 
         `quality`: "full", or "fast" for frames without reflected woods, with less filtering, and with interpolated
         ground. `device`: where frames are drawn, see `thalweg.core.compute.device`. Frames are arrays of the host in
-        either case, and those of two devices differ by at most 2/255.
+        either case; at most 0.1 % of their pixels differ between two devices by more than 2 of 255.
 
         Raises `RenderError` for no world, an unknown quality, or too little memory on the GPU, and `DeviceError` for a
         device that can't be used.

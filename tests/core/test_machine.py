@@ -35,9 +35,14 @@ def test_the_width_of_vectors_follows_its_setting(monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_run_on_a_gpu_records_the_gpu(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(torch.cuda, "get_device_name", lambda: "NVIDIA Made-up")
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda device: "NVIDIA Made-up")
     on_gpu, on_cpu = (record.describe(identity, 1, {})["machine"] for identity in ({"device": "cuda"}, {}))
     assert on_gpu["card"] == "NVIDIA Made-up" and set(on_gpu) - set(on_cpu) == {"card", "cuda", "numba-cuda"}
+
+
+def test_of_several_gpus_the_run_s_own_is_recorded(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(torch.cuda, "get_device_name", lambda device=None: f"NVIDIA {device}")
+    assert record.describe({"device": "cuda"}, 1, {}, "cuda:1")["machine"]["card"] == "NVIDIA cuda:1"
 
 
 def test_a_system_without_sysconf_has_no_known_memory(monkeypatch: pytest.MonkeyPatch):

@@ -16,12 +16,13 @@ def package_versions() -> dict[str, str]:
     return {"python": platform.python_version()} | {name: package_version(name) for name in PACKAGES}
 
 
-def gpu_info() -> dict[str, str]:
-    """Return the name of PyTorch's current GPU and the versions of CUDA and numba-cuda."""
+def gpu_info(device: str | None = None) -> dict[str, str]:
+    """Return the name of the GPU `device`, such as cuda:1, None for PyTorch's current one, and the versions of CUDA and
+    numba-cuda."""
     import torch  # only called where a GPU is used
 
     return {
-        "card": torch.cuda.get_device_name(),
+        "card": torch.cuda.get_device_name(device),
         "cuda": str(torch.version.cuda),
         "numba-cuda": package_version("numba-cuda"),
     }

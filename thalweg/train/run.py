@@ -155,7 +155,7 @@ def run(
             f"imitation_kl = {resolved.imitation_kl} weighs the KL from the policy that a run begins with: give"
             " begin_with, or leave it out"
         )
-    status = open_folder(folder := Path(folder), identity, how.threads, _version_of(entry))
+    status = open_folder(folder := Path(folder), identity, how.threads, _version_of(entry), str(task.device))
     if status.get("state") == "finished":
         return result_of(folder, status, resumed_from=None, already_finished=True)
     if found := too_short(resolved, steps, task.num_envs):

@@ -87,17 +87,22 @@ def check_seconds(**times: Any) -> None:
 
 
 def open_folder(
-    folder: Path, identity: dict[str, Any], threads: int, learner: Mapping[str, int] = NO_VERSIONS
+    folder: Path,
+    identity: dict[str, Any],
+    threads: int,
+    learner: Mapping[str, int] = NO_VERSIONS,
+    device: str | None = None,
 ) -> dict[str, Any]:
     """Create the folder of a run, or check that an existing one is of the same run; returns its status.
 
-    `learner` has the version of what learns by its name, unless it is in the context.
+    `learner` has the version of what learns by its name, unless it is in the context; `device` is the GPU's name with
+    its number, such as cuda:1, of a run that is on one.
 
     Raises `TrainingError` for the folder of another run, and for one begun with other versions than today's
     and not finished; warns of a finished one, and if packages, threads or the fast path have changed, or the source of
     a plug-in whose version has not.
     """
-    description = run_record.describe(identity, threads, learner)
+    description = run_record.describe(identity, threads, learner, device)
     existing = run_record.read_config(folder)
     if existing is None:
         run_record.config_text(description)  # raises for what is no plain data, before the folder is created

@@ -162,8 +162,10 @@ def test_a_run_on_a_gpu_is_recorded_and_resumed_there_alone(tmp_path: Path, monk
     on_cpu = Cloning(tmp_path / "cpu", [folder], steps=16, sequences=4, settings=SMALL, threads=1)
     on_cpu.run()
     assert "device" not in description_of(tmp_path / "cpu")["run"]
-    monkeypatch.setattr("thalweg.train.imitation.cloning.resolve_device", lambda name: f"{name}:0")
-    monkeypatch.setattr("thalweg.train.folder.run_record.gpu_info", lambda: {"gpu": "A card"})
+    monkeypatch.setattr(
+        "thalweg.train.imitation.cloning.resolve_device", lambda name: f"{name}:1" if name == "cuda" else name
+    )
+    monkeypatch.setattr("thalweg.train.folder.run_record.gpu_info", lambda device: {"gpu": f"Card {device}"})
     monkeypatch.setattr("thalweg.train.imitation.cloning.Student", Mock())
     monkeypatch.setattr("thalweg.train.imitation.cloning.CloningTrainer", Mock(side_effect=Reached))
     with pytest.raises(TrainingError, match="device"):
@@ -173,7 +175,7 @@ def test_a_run_on_a_gpu_is_recorded_and_resumed_there_alone(tmp_path: Path, monk
         on_gpu.run()
     description = description_of(tmp_path / "gpu")
     assert (description["device"], description["run"]["device"]) == ("cuda", "cuda")
-    assert description["machine"]["gpu"] == "A card"
+    assert description["machine"]["gpu"] == "Card cuda:1"
     with pytest.raises(TrainingError, match="device"):
         replace(on_gpu, device="cpu").run()
 

@@ -75,9 +75,11 @@ def made_with(identity: dict[str, Any], learner: Mapping[str, int]) -> dict[str,
     return made
 
 
-def describe(identity: dict[str, Any], threads: int, learner: Mapping[str, int]) -> dict[str, Any]:
+def describe(
+    identity: dict[str, Any], threads: int, learner: Mapping[str, int], gpu: str | None = None
+) -> dict[str, Any]:
     """Return the content of config.yaml: the run's identity, versions, device and machine, with what the last bits
-    depend on beside it; `learner` as of `made_with`."""
+    depend on beside it; `learner` as of `made_with`, `gpu` as of `gpu_info`, for a run that is on one."""
     device = identity.get(DEVICE, CPU)
     learning = {"learning_threads": threads, "fast_path": fast_path.enabled()}
     return {
@@ -85,7 +87,7 @@ def describe(identity: dict[str, Any], threads: int, learner: Mapping[str, int])
         "versions": package_versions(),
         MADE_WITH: made_with(identity, learner),
         "device": device,
-        "machine": machine_info() | learning | (gpu_info() if device == "cuda" else {}),
+        "machine": machine_info() | learning | (gpu_info(gpu) if device == "cuda" else {}),
     }
 
 

@@ -112,7 +112,7 @@ class Cloning:
             student = Student(config, actions, MOVE_OPTIONS, sizes, self.seed, identity["context"], device)
         if self.begin_with is not None:
             identity["begin_with"] = begin_student(student, self.begin_with)
-        status = open_folder(self.folder, identity, threads)
+        status = open_folder(self.folder, identity, threads, device=str(device))
         if status.get("state") == "finished":
             return result_of(self.folder, status, resumed_from=None, already_finished=True)
         student.policy.about = About(ALGORITHM, to_plain(config), identity["context"])

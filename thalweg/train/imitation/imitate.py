@@ -120,7 +120,7 @@ class Imitation:
         try:
             if new:  # settings that the gate refuses can be corrected in the same folder
                 self._pass_gate(grounds, self._seeds_of_gate(seeds, config), rules, config.teacher)
-            status = open_folder(self.folder, identity, threads)
+            status = open_folder(self.folder, identity, threads, device=str(device))
             if status.get("state") == "finished":
                 return result_of(self.folder, status, resumed_from=None, already_finished=True)
             if isinstance(env.rivers, DrawnRivers):

@@ -18,17 +18,16 @@ BLOCK = 16
 """Nodes along a side of the blocks that share a list of candidate segments."""
 WINDOW_M = 13.0
 """Distance up and down an arm within which the nearest point is searched."""
-EXACT_M = (1.0, 2.5)
-"""On land, the edge distance is exact up to the first distance; from the second it is smooth between arms."""
 
 
 class Shore(NamedTuple):
     """Maps [GY, GX] float32 of the position of each node relative to the course."""
 
     edge_m: np.ndarray
-    """Distance from the bank of the course, negative in its water; exact near the bank."""
+    """Distance from the bank of the course, negative in its water. It is exact up to 1 m from the bank on land; from
+    2.5 m on it is smooth between arms."""
     across: np.ndarray
-    """Lateral offset over half the width, positive to the left; ±1 is the bank. Valid within `EXACT_M` of it."""
+    """Lateral offset over half the width, positive to the left; ±1 is the bank. Valid within 2.5 m of it."""
     course_index: np.ndarray
     """Nearest point of the course: its sample index plus the share of the segment after that sample."""
 

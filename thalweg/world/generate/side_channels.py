@@ -66,9 +66,9 @@ def tributary(
 def pond(
     line: Line, width_m: np.ndarray, branches: list[Branch], keep_clear_m: np.ndarray, level_m: np.ndarray
 ) -> Branch | None:
-    """Return a pond at the roomiest position inside the loop, clear of the points `keep_m` [K, 2]; None without room.
+    """Return a pond at the roomiest position inside the loop, clear of points; None without room.
 
-    Its level is that of the nearest sample of the course.
+    keep_clear_m: the points [K, 2]. Its level is that of the nearest sample of the course.
     """
     low, high = line.position_m.min(axis=0), line.position_m.max(axis=0)
     x, y = np.meshgrid(np.arange(low[0], high[0], 2.0), np.arange(low[1], high[1], 2.0))

@@ -36,7 +36,6 @@ PAVING_WARM = np.array((0.27, 0.24, 0.20), np.float32)
 JOINT = np.array((0.11, 0.105, 0.085), np.float32)
 CURB = np.array((0.32, 0.31, 0.285), np.float32)
 LAWN = np.array((0.108, 0.130, 0.042), np.float32)
-GRAVEL = np.array((0.40, 0.355, 0.285), np.float32)
 """Linear reflectances of the materials, red, green, blue."""
 
 TURF_M = 30.0

@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 GROUPS = Path("/sys/fs/cgroup")
@@ -21,21 +22,27 @@ def container_cores(proc: Path, groups: Path) -> float | None:
 
     `cpu.max` of version 2 has the time and the period, or `max`; version 1 has a file for each, and a time of -1.
     """
+    folders = control_groups(proc, groups)
+    limits = [_limit_of_group(folder) for names, folder in folders if not names or "cpu" in names.split(",")]
+    return min((limit for limit in limits if limit is not None), default=None)
+
+
+def control_groups(proc: Path, groups: Path) -> Iterator[tuple[str, Path]]:
+    """Yield the folders of the control groups of this process, of each hierarchy from the innermost to its root.
+
+    With each come the names of the controllers of its hierarchy, separated by commas: empty in version 2.
+    """
     try:
         lines = (proc / "self" / "cgroup").read_text().splitlines()
     except OSError:
-        return None
-    limits = []
+        return
     for _, controllers, group in (line.split(":", 2) for line in lines if line.count(":") >= 2):
-        if controllers and "cpu" not in controllers.split(","):
-            continue
         root = groups / controllers
         innermost = root / group.strip("/")
         for folder in (innermost, *innermost.parents):
-            limits.append(_limit_of_group(folder))
+            yield controllers, folder
             if folder == root:
                 break
-    return min((limit for limit in limits if limit is not None), default=None)
 
 
 def _limit_of_group(folder: Path) -> float | None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from thalweg.core.cores import GROUPS, PROC, control_groups
 from thalweg.world.errors import WorldError
 from thalweg.world.generate.terrain import make_grid
 
@@ -18,9 +19,6 @@ BARE_NODE_BYTES = 80
 """Bytes per node of the map while plants are scattered."""
 TRIES_BYTES = 390
 """Bytes per square metre at a density of 1 while plants are scattered: the tried positions, most of them reeds."""
-GROUPS = Path("/sys/fs/cgroup")
-"""Folder of the Linux control groups (version 2) that containers use."""
-PROC = Path("/proc")
 
 
 def needed_bytes(shape: tuple[int, int], cell_m: float, plant_density: float) -> int:
@@ -81,15 +79,8 @@ def container_bytes(proc: Path = PROC, groups: Path = GROUPS) -> int | None:
 
     The file cache counts as free, because the kernel drops it when memory is needed.
     """
-    try:
-        lines = (proc / "self" / "cgroup").read_text().splitlines()
-    except OSError:
-        return None
-    group = next((line[3:] for line in lines if line.startswith("0::")), None)
-    if group is None:
-        return None
-    innermost, remaining = groups / group.strip("/"), []
-    for folder in (innermost, *innermost.parents):
+    remaining = []
+    for folder in (folder for controllers, folder in control_groups(proc, groups) if not controllers):
         try:
             limit = (folder / "memory.max").read_text().strip()
             used = int((folder / "memory.current").read_text())
@@ -98,6 +89,4 @@ def container_bytes(proc: Path = PROC, groups: Path = GROUPS) -> int | None:
                 remaining.append(max(int(limit) - used + int(stat.get("inactive_file", 0)), 0))
         except (OSError, ValueError):
             pass
-        if folder == groups:
-            break
     return min(remaining, default=None)

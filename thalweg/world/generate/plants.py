@@ -265,7 +265,7 @@ def select(plants: Plants, keep: np.ndarray) -> Plants:
 
 
 def concatenate(groups: list[Plants]) -> Plants:
-    """Return all plants of several groups in one record."""
+    """Return all plants of several groups in one record; of no groups that is empty."""
     empty = Plants(
         position_m=np.zeros((0, 3), np.float32),
         height_m=np.zeros(0, np.float32),

@@ -12,8 +12,9 @@ from thalweg.world.generate.banks.lay import Valley, lay
 from thalweg.world.generate.build import finish_world, resolve_level
 from thalweg.world.generate.hydrology import MAX_DEPTH_TO_WIDTH, make_river
 from thalweg.world.generate.memory import check_memory
+from thalweg.world.generate.plants import concatenate
 from thalweg.world.generate.terrain import Relief, Terrain, build_terrain
-from thalweg.world.record import Plants, River, World
+from thalweg.world.record import River, World
 
 SPACING_M = 1.3
 """Distance between river samples."""
@@ -198,16 +199,7 @@ def bare_world(
     shape = terrain.ground_m.shape
     sandy = terrain.shore_m < 3.0
     albedo = np.where(sandy[..., None], np.array(SAND, np.uint8), np.array(GRASS, np.uint8))
-    none = np.zeros((0, 3), np.float32)
-    empty = Plants(
-        none,
-        np.zeros(0, np.float32),
-        np.zeros(0, np.float32),
-        np.zeros(0, np.int16),
-        np.zeros(0, np.float32),
-        none.copy(),
-        np.zeros((0, 2), np.float32),
-    )
+    empty = concatenate([])
     if banks:
         terrain, albedo, _ = lay(Valley(terrain, albedo, empty), river, bridges, banks, 0.0, banks_rng)
     return World(

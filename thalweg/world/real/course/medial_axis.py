@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from thalweg.world import geometry
 from thalweg.world.errors import WorldError
 from thalweg.world.real.sources.extra import need
 
@@ -136,7 +137,7 @@ def _root(line: np.ndarray, clearance: np.ndarray) -> int:
     On a branch into a square corner the way from the corner is √2 of the distance from the banks; beyond its root it
     grows and the distance does not.
     """
-    way = FORK * clearance[0] + _arc(line)
+    way = FORK * clearance[0] + geometry.arc_length(line, False)[0]
     beyond = np.flatnonzero(way > 1.05 * FORK * clearance)
     return min(int(beyond[0]), len(line) - 2) if len(beyond) else 0
 
@@ -147,7 +148,8 @@ def _extended(polygon: Any, line: np.ndarray, clearance: np.ndarray) -> tuple[np
     A line that begins further from the boundary ahead than from the banks, such as at a given place, stays as it is.
     """
     shapely = need("shapely", "a polygon of banks")
-    behind = line[min(int(np.searchsorted(_arc(line), 2 * clearance[0])), len(line) - 1)]
+    arc = geometry.arc_length(line, False)[0]
+    behind = line[min(int(np.searchsorted(arc, 2 * clearance[0])), len(line) - 1)]
     direction = line[0] - behind
     if (length := np.hypot(*direction)) < 1e-9:
         return line, clearance
@@ -159,8 +161,3 @@ def _extended(polygon: Any, line: np.ndarray, clearance: np.ndarray) -> tuple[np
     if np.hypot(*(end - line[0])) < 1e-6:
         return line, clearance
     return np.concatenate([end[None], line]), np.concatenate([clearance[:1], clearance])
-
-
-def _arc(line: np.ndarray) -> np.ndarray:
-    """Return [K] the length of a line [K, 2] up to each place."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])

@@ -121,7 +121,8 @@ def test_errors_of_the_disk_are_told_by_their_number(number, of_disk):
 
 
 @pytest.mark.parametrize(
-    ("name", "format"), [("a.png", "PNG"), ("a.JPG", "JPEG"), ("a.webp", "WEBP"), ("without", "PNG")]
+    ("name", "format"),
+    [("a.png", "PNG"), ("a.JPG", "JPEG"), ("a.webp", "WEBP"), ("without", "PNG"), ("a.psd", "PNG"), ("a.xpm", "PNG")],
 )
 def test_a_picture_has_the_format_of_its_name(tmp_path, name, format):
     pixels = np.full((8, 8, 3), 60, np.uint8)

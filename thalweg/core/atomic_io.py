@@ -97,12 +97,13 @@ def write_atomic(path: str | Path, content: bytes | str) -> None:
 
 
 def write_picture(path: str | Path, picture: Any) -> None:
-    """Write a `PIL.Image` atomically, in the format of the path's ending, or else as PNG.
+    """Write a `PIL.Image` atomically, in the format of the path's ending if Pillow writes it, or else as PNG.
 
     It is encoded in memory first, because the encoders of some formats take no notice of a disk that is full.
     """
     from PIL import Image
 
     content = io.BytesIO()
-    picture.save(content, format=Image.registered_extensions().get(Path(path).suffix.lower(), "PNG"))
+    named = Image.registered_extensions().get(Path(path).suffix.lower())
+    picture.save(content, format=named if named in Image.SAVE else "PNG")
     write_atomic(path, content.getvalue())

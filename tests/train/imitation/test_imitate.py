@@ -401,6 +401,12 @@ def test_no_seeds_are_refused_before_the_folder_is_created(tmp_path: Path):
     assert not (tmp_path / "run").exists()
 
 
+def test_too_few_rivers_in_memory_are_refused_before_the_folder_is_created(tmp_path: Path):
+    with pytest.raises(ConfigError, match="in_memory must be at least 6 for 58 rivers and 2 environments, not 5"):
+        imitation(tmp_path / "run", levels=("Easy", "Hard"), world_seeds="1:30", rivers_in_memory=5).run()
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_folder_of_another_run_is_refused(tmp_path: Path):
     imitation(tmp_path / "run", steps=8).run()
     with pytest.raises(TrainingError, match="seed"):

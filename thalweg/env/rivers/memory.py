@@ -11,6 +11,9 @@ from thalweg.world import World
 SHARE = 0.5
 """Share of the free memory that rivers may take; the encoder, the learner and its buffers need the rest."""
 
+RIVERS_EACH = 3
+"""Rivers that an environment needs in memory, where not all of them are there."""
+
 DRAWN = 2.4
 """Bytes of a world and of the tables from which it is drawn, for each byte of the world: 2.2 to 2.4 on all levels."""
 
@@ -34,22 +37,19 @@ def slots_in_memory(rivers: int, in_memory: int | None, num_envs: int, each: int
     final observation is still to be made, and the next one, which is being prepared outside the slots. Raises
     `ConfigError`, with the number that fits, for fewer than that.
     """
-    least = 3 * num_envs
+    least = RIVERS_EACH * num_envs
     if in_memory is None:
         most = _most_that_fit(rivers, each, free)
         if rivers > most and most < least:
             raise ConfigError(
                 f"{num_envs:,} environments that change river need {min(rivers, least):,} rivers of"
                 f" {each / 1e6:.1f} MB in memory, and {free_words(free)}, of which rivers may take half: at most"
-                f" {most:,} rivers fit, enough for {most // 3:,} environments, or for lists of at most {most:,} rivers"
+                f" {most:,} rivers fit, enough for {most // RIVERS_EACH:,} environments, or for lists of at most"
+                f" {most:,} rivers"
             )
     else:
+        check_enough(rivers, in_memory, num_envs)
         most = in_memory
-        if rivers > most and most < least:
-            raise ConfigError(
-                f"in_memory must be at least {min(rivers, least):,} for {rivers:,} rivers and {num_envs:,}"
-                f" environments, not {most:,}: three rivers for each environment, or all of them"
-            )
         needed = min(rivers, most) * each
         if free is not None and needed > free:
             raise ConfigError(
@@ -57,6 +57,16 @@ def slots_in_memory(rivers: int, in_memory: int | None, num_envs: int, each: int
                 f" {free_words(free)}: at most {free // max(each, 1):,} fit"
             )
     return rivers if rivers <= most else most - num_envs
+
+
+def check_enough(rivers: int, in_memory: int, num_envs: int) -> None:
+    """Raise `ConfigError` for fewer rivers in memory than environments need that change among so many rivers."""
+    least = min(rivers, RIVERS_EACH * num_envs)
+    if in_memory < least:
+        raise ConfigError(
+            f"in_memory must be at least {least:,} for {rivers:,} rivers and {num_envs:,}"
+            f" environments, not {in_memory:,}: three rivers for each environment, or all of them"
+        )
 
 
 def check_all_fit(rivers: int, each: int, free: int | None) -> None:

@@ -19,7 +19,7 @@ from thalweg.core.seeds import compact_seeds, parse_seeds, refuse_unseen
 from thalweg.env import EnvConfig, RiverVectorEnv
 from thalweg.env.moves import MOVE_OPTIONS
 from thalweg.env.rivers.assignment import DrawnRivers
-from thalweg.env.rivers.memory import bytes_of, check_all_fit
+from thalweg.env.rivers.memory import bytes_of, check_all_fit, check_enough
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.spaces import action_space
 from thalweg.env.task.bird_eye import COLUMNS, ROWS
@@ -169,7 +169,7 @@ class Imitation:
 
     def _check(self, grounds: Sequence[Level | Reach], seeds: Sequence[int]) -> None:
         """Raise `TrainingError` for levels that are missing or given twice, for no seeds, and for unseen rivers of
-        levels; `WorldError` for a file from which no river can be made."""
+        levels; `WorldError` for a file from which no river can be made; `ConfigError` for too few rivers in memory."""
         if self.river is not None:
             self.river.check()
         names = [ground.name for ground in grounds]
@@ -179,6 +179,8 @@ class Imitation:
             raise TrainingError("world_seeds must be at least one seed, such as 1000:1064")
         if self.river is None:
             refuse_unseen(seeds, "world_seeds", TrainingError)
+        if self.rivers_in_memory is not None:
+            check_enough(len(grounds) * len(seeds), self.rivers_in_memory, self.num_envs)
 
     def _rules(self, config: ImitationConfig) -> EnvConfig:
         """Return what the environments draw."""

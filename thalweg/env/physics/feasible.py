@@ -1,4 +1,4 @@
-"""Whether forces move a vehicle, and those that none could hold against, refused before the first step."""
+"""Forces that move a vehicle: whether there are any, and a refusal of those that none could hold against."""
 
 from thalweg.env.physics.inertia import Inertia
 from thalweg.env.physics.wind import Wind, strongest_held, strongest_push

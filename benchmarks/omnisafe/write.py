@@ -6,7 +6,6 @@ python -m benchmarks.omnisafe.write [--check]
 import json
 import statistics
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from benchmarks.omnisafe.compare import CURVES, HALF, OURS, PEER, SIDES, SPEED
 from benchmarks.omnisafe.contests import CONTESTS, contest_named
 from benchmarks.omnisafe.plot import Curves, read
 from benchmarks.page_sections import replace_section, wrap
+from benchmarks.ratios import number_text, ratio
 from thalweg.bench.report.table import frame, markdown
 from thalweg.bench.speed.speed_table import describe
 
@@ -42,17 +42,6 @@ FINAL = (
 )
 LAST = 0.2
 """Final returns and costs are means over this last share of the steps."""
-
-
-def number_text(value: float) -> str:
-    """Return a rate or a ratio as text: two decimal places below 10, one below 100."""
-    return f"{value:.2f}" if value < 10 else f"{value:.1f}" if value < 100 else f"{value:,.0f}"
-
-
-def ratio(ours: Sequence[float], theirs: Sequence[float]) -> tuple[float, float, float]:
-    """Return the median, least and greatest ratio of ours to theirs over the repetitions."""
-    ratios = [mine / other for mine, other in zip(ours, theirs, strict=True)]
-    return statistics.median(ratios), min(ratios), max(ratios)
 
 
 def speed_rows(found: dict[str, Any]) -> list[list[str]]:

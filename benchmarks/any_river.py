@@ -35,10 +35,9 @@ from any_river_aims import LEVELS, TEACHER, packaged_aims, student_aims
 from package_flight import NAMES
 from page_sections import replace_section
 from river_flights import RESULTS, figures_of, fly, fly_cells, mean_return
-from tables import append, is_begun
+from tables import append, last_of_each, of_versions, rows_of
 
 from thalweg.algos import AlgorithmError
-from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.baselines import BASELINES, Policy
 from thalweg.bench.evaluate.conditions import RIVERS
 from thalweg.bench.evaluate.course import UNSEEN, Course, EvaluationConfig
@@ -261,8 +260,8 @@ def cells_of(rows: Sequence[dict[str, str]], policy: str, kind: str, level: str)
 
 
 def _of_today(rows: Sequence[dict[str, str]]) -> list[dict[str, str]]:
-    """Return the rows of today's versions."""
-    return [row for row in rows if all(row[name] == str(version) for name, version in VERSIONS.items())]
+    """Return the rows of today's versions; of those of the same cell, which two commands may have flown, the last."""
+    return last_of_each(of_versions(rows, VERSIONS), KEY)
 
 
 def _amount(row: dict[str, str]) -> tuple[int, int]:
@@ -306,7 +305,7 @@ def main() -> str | None:
         parser.error("--episodes must be at least 2, --jobs at least 1")
     if given.steps is not None and given.steps < FULL_SHARE:
         parser.error(f"--steps must be at least {FULL_SHARE}, not {given.steps}")
-    rows = read_csv(given.out, COLUMNS) if is_begun(given.out) else []
+    rows = rows_of(given.out, COLUMNS)
     if given.write:
         for (page, section), table in SECTIONS.items():
             write_atomic(page, replace_section(page.read_text(encoding="utf-8"), section, f"{table(rows)}\n"))

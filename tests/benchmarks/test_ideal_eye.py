@@ -144,6 +144,12 @@ def test_rows_from_before_deadlines_stand_in_for_those_of_today_and_say_so(scrip
     assert plain.config == script.settings_hash(plain.resolved)
 
 
+def test_a_trial_that_two_commands_ran_is_one_seed_with_its_last_row(script: ModuleType):
+    key = dict(zip(script.KEY, script.Trial("PPO", {}, 1000, 0).key, strict=True))
+    rows = [key | {"medium_return": returned} for returned in ("9.00", "7.00")]
+    assert script.shown_rows(rows) == rows[1:]
+
+
 @pytest.mark.parametrize("wrong", [["--only", "PPOlag"], ["--set", "entropy=0.01"], ["--steps", "50"]])
 def test_options_that_would_be_ignored_are_refused(
     script: ModuleType, wrong: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture

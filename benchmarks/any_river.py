@@ -91,6 +91,8 @@ COLUMNS: tuple[str, ...] = (
 )
 KEY = COLUMNS[: 6 + len(VERSIONS)]
 """Columns that identify a cell."""
+OF_STUDENTS = ("seeds", "observations", "steps", "device", "runs")
+"""Options that say which students are trained, and how."""
 TRAINING_COLUMNS = ("policy", "steps", "seed", *VERSIONS, "processor", "cores", "minutes", "peak_gib")
 """Columns of the table of trainings."""
 
@@ -305,6 +307,7 @@ def main() -> str | None:
         parser.error("--episodes must be at least 2, --jobs at least 1")
     if given.steps is not None and given.steps < FULL_SHARE:
         parser.error(f"--steps must be at least {FULL_SHARE}, not {given.steps}")
+    refuse_ignored(parser, given)
     rows = rows_of(given.out, COLUMNS)
     if given.write:
         for (page, section), table in SECTIONS.items():
@@ -335,6 +338,13 @@ def main() -> str | None:
             flights = {" ".join(cell.key): partial(measure, cell, path) for cell in cells}
             failures += fly_cells(flights, given.jobs, given.out, COLUMNS)
     return "\n".join(failures) or None
+
+
+def refuse_ignored(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
+    """End with an error for options of students beside `--policy`, which trains none."""
+    changed = [f"--{name}" for name in OF_STUDENTS if getattr(given, name) != parser.get_default(name)]
+    if given.policy and changed:
+        parser.error(f"--policy trains no students; leave out {' and '.join(changed)}")
 
 
 def planned_cells(

@@ -304,6 +304,10 @@ def main() -> int:
     chosen = parser.parse_args()
     if not chosen.algorithm and (chosen.set or chosen.steps):
         parser.error("--set and --steps are of one trial: name its algorithm by --algorithm")
+    if chosen.algorithm and chosen.only:
+        parser.error("--only is for the table's trials; leave it out beside --algorithm")
+    if (chosen.write or chosen.check) and chosen.out != TABLE:
+        parser.error("--write and --check are for the table of this folder; leave --out out")
     if chosen.write or chosen.check:
         outdated = {path: text for path, text in written_pages().items() if text != path.read_text()}
         for path, text in outdated.items() if chosen.write else ():

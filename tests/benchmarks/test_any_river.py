@@ -202,6 +202,18 @@ def test_a_cell_that_two_commands_flew_is_one_seed_with_its_last_row(script: Mod
     assert script.cells_of(rows, "rgb+mask", "unseen", "Easy") == rows[1:]
 
 
+@pytest.mark.parametrize(
+    "ignored", [["--seeds", "1"], ["--observations", "rgb"], ["--steps", "9"], ["--device", "cuda"], ["--runs", "b"]]
+)
+def test_options_of_students_are_refused_beside_a_policy(
+    script: ModuleType, ignored: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(sys, "argv", ["any_river.py", "--policy", "none", *ignored])
+    with pytest.raises(SystemExit, match="2"):
+        script.main()
+    assert f"--policy trains no students; leave out {ignored[0]}\n" in capsys.readouterr().err
+
+
 def test_equal_shares_of_seeds_are_as_uncertain_as_their_flights(script: ModuleType):
     rows = [
         script.row_of(script.Cell("rgb", 9, seed, "fixed", "Hard", 2), [episode(9.0, 0.0, "Success")] * 2)

@@ -2,7 +2,9 @@
 
     python benchmarks/search.py [ALGORITHM ...]
 
-runs the missing trials and appends a row to search.csv for each one as it finishes. An interrupted trial resumes.
+runs the missing trials and appends a row to search.csv for each one as it finishes. An interrupted trial resumes. Rows
+have no versions: a trial that has a row is not run again, whatever has changed since. Those in search.csv are of
+version 1 of each algorithm.
 
 Each algorithm has at most eight trials of 50,000 steps, with a training seed that no study uses. A trial is chosen by
 three rules:

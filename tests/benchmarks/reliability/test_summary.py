@@ -45,12 +45,24 @@ def test_pieces_of_other_versions_do_not_count(summary: ModuleType):
 def test_kills_are_counted_by_command_and_faults_by_trial(summary: ModuleType):
     rows = [
         {"command": "bench", "trial": trial, "kill": kill, "finished": finished, "faults": faults}
+        | {"made_with": summary.MADE_BY["bench"]}
         for trial, kill, finished, faults in (("0", "0", "0", "0"), ("1", "0", "1", "2"), ("1", "1", "3", "2"))
     ]
-    others = [[f"`{name}`", "0 of 50", "0", "0", "0"] for name in ("train", "imitate", "encoder")]
-    assert sorted(cells(summary.killed(rows))[2:]) == sorted([["`bench`", "3 of 50", "2", "2", "1"], *others])
-    failed = {"command": "bench", "trial": "2", "kill": "none", "finished": "0", "faults": "1"}
-    assert ["`bench`", "3 of 50", "2", "3", "2"] in cells(summary.killed([*rows, failed]))
+    today = summary.MADE_BY
+    others = [[f"`{name}`", today[name], "0 of 50", "0", "0", "0"] for name in ("train", "imitate", "encoder")]
+    own = ["`bench`", today["bench"]]
+    assert sorted(cells(summary.killed(rows))[2:]) == sorted([[*own, "3 of 50", "2", "2", "1"], *others])
+    failed = rows[0] | {"trial": "2", "kill": "none", "faults": "1"}
+    assert [*own, "3 of 50", "2", "3", "2"] in cells(summary.killed([*rows, failed]))
+
+
+def test_kills_of_other_versions_have_a_line_of_their_own(summary: ModuleType):
+    row = {"command": "imitate", "trial": "0", "kill": "0", "finished": "0", "faults": "0", "made_with": "imitation 0"}
+    found = [line for line in cells(summary.killed([row])) if line[0] == "`imitate`"]
+    assert found == [
+        ["`imitate`", summary.MADE_BY["imitate"], "0 of 50", "0", "0", "0"],
+        ["`imitate`", "imitation 0", "1 of 50", "0", "1", "0"],
+    ]
 
 
 def test_without_a_table_there_is_nothing_yet(summary: ModuleType):

@@ -16,7 +16,7 @@ sys.path.insert(0, str(HERE.parent))  # the generated sections of pages are writ
 
 from fuzz_kinds import KINDS  # noqa: E402
 from kills import COMMANDS, MADE_BY, NO_KILL  # noqa: E402
-from page_sections import replace_section  # noqa: E402
+from page_sections import replace_section, wrap  # noqa: E402
 from soak import MADE_WITH, PIECE, versions_of  # noqa: E402
 from tables import of_versions, rows_of  # noqa: E402
 
@@ -25,7 +25,7 @@ from thalweg.core.atomic_io import write_atomic  # noqa: E402
 
 PAGE = HERE / "README.md"
 NOTHING = "Nothing yet.\n"
-FUZZED = ("kind", "piece", "files", "read", "refused", "failed")
+FUZZED = ("kind", "piece", "files", "read", "refused", "failed", "commit")
 SOAKED = {what: (*PIECE, *names, "faults") for what, names in MADE_WITH.items()}
 KILLED = ("command", "trial", "kill", "finished", "faults", "made_with")
 WANTED_STEPS, WANTED_FRAMES, WANTED_KILLS = 100_000_000, 1_000_000, 50
@@ -43,8 +43,15 @@ def fuzzed(rows: Sequence[dict[str, str]]) -> str:
         files, *sums = (sum(int(row[column]) for row in own) for column in ("files", "read", "refused", "failed"))
         so_far = f"{files:,} of {sum(KINDS[name].wanted for name in names):,}"
         lines.append([ending, str(len(names)), so_far, *(f"{each:,}" for each in sums)])
+    if not rows:
+        return NOTHING
     header = ["files", "kinds", "so far", "read", "refused", "failed"]
-    return markdown(frame(header, lines)) if rows else NOTHING
+    dates = sorted({row["commit"].split()[0] for row in rows})
+    made = wrap(
+        f"Read by the code of commits of {dates[0]} to {dates[-1]}. A piece without failures is not read again when "
+        "the code changes."
+    )
+    return f"{markdown(frame(header, lines))}\n{made}"
 
 
 def soaked(steps: Sequence[dict[str, str]], frames: Sequence[dict[str, str]]) -> str:

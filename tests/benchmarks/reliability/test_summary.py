@@ -24,12 +24,19 @@ def test_the_page_is_what_the_tables_have(summary: ModuleType):
 
 def test_files_are_counted_by_ending(summary: ModuleType):
     rows = [
-        {"kind": kind, "piece": piece, "files": "1000", "read": "600", "refused": "399", "failed": "1"}
+        {"kind": kind, "piece": piece, "files": "1000", "read": "600", "refused": "399", "failed": "1", "commit": "a"}
         for kind, piece in (*((kind, "0") for kind in ("world", "flight", "cached maps")), ("world", "1"))
     ]
     found = cells(summary.fuzzed(rows))
     assert [".npz", "3", "4,000 of 300,000", "2,400", "1,596", "4"] in found
     assert [row for row in found if row[0] == ".gpx"] == [[".gpx", "1", "0 of 100,000", "0", "0", "0"]]
+
+
+def test_the_page_names_the_first_and_the_last_commit_that_read_files(summary: ModuleType):
+    row = {"kind": "world", "piece": "0", "files": "1000", "read": "600", "refused": "400", "failed": "0"}
+    commits = ("2026-11-29 b", "2026-11-27 c", "2026-11-28 a")
+    told = summary.fuzzed([row | {"commit": commit} for commit in commits])
+    assert "by the code of commits of 2026-11-27 to 2026-11-29." in told
 
 
 def test_pieces_of_other_versions_do_not_count(summary: ModuleType):

@@ -93,6 +93,21 @@ def test_failures_that_another_command_found_meanwhile_stay(
     assert [row[place] for row in read_csv(out, failures.COLUMNS)] == ["other", "own"]
 
 
+def test_launches_that_another_command_counted_meanwhile_stay(
+    script: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    launches, out = script("launches"), tmp_path / "table.csv"
+
+    def count(name: str, num_envs: int, device: Any) -> tuple[float, float]:
+        write_meanwhile(launches, out, {"algorithm": "CPO"})
+        return 1.0, 2.0
+
+    monkeypatch.setattr(launches, "count_operations", count)
+    monkeypatch.setattr(sys, "argv", ["launches.py", "--only", "PPO", "--out", str(out)])
+    assert launches.main() == 0
+    assert [row["algorithm"] for row in read_csv(out, launches.COLUMNS)] == ["PPO", "CPO"]
+
+
 class NoPool:
     """A pool that does its work at once, in this process."""
 

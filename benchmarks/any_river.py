@@ -35,10 +35,9 @@ from any_river_aims import LEVELS, TEACHER, packaged_aims, student_aims
 from package_flight import NAMES
 from page_sections import replace_section
 from river_flights import RESULTS, figures_of, fly, fly_cells, mean_return
-from tables import append, is_begun
+from tables import append, last_of_each, of_versions, rows_of
 
 from thalweg.algos import AlgorithmError
-from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.baselines import BASELINES, Policy
 from thalweg.bench.evaluate.conditions import RIVERS
 from thalweg.bench.evaluate.course import UNSEEN, Course, EvaluationConfig
@@ -92,6 +91,8 @@ COLUMNS: tuple[str, ...] = (
 )
 KEY = COLUMNS[: 6 + len(VERSIONS)]
 """Columns that identify a cell."""
+OF_STUDENTS = ("seeds", "observations", "steps", "device", "runs")
+"""Options that say which students are trained, and how."""
 TRAINING_COLUMNS = ("policy", "steps", "seed", *VERSIONS, "processor", "cores", "minutes", "peak_gib")
 """Columns of the table of trainings."""
 
@@ -261,8 +262,8 @@ def cells_of(rows: Sequence[dict[str, str]], policy: str, kind: str, level: str)
 
 
 def _of_today(rows: Sequence[dict[str, str]]) -> list[dict[str, str]]:
-    """Return the rows of today's versions."""
-    return [row for row in rows if all(row[name] == str(version) for name, version in VERSIONS.items())]
+    """Return the rows of today's versions; of those of the same cell, which two commands may have flown, the last."""
+    return last_of_each(of_versions(rows, VERSIONS), KEY)
 
 
 def _amount(row: dict[str, str]) -> tuple[int, int]:
@@ -306,7 +307,8 @@ def main() -> str | None:
         parser.error("--episodes must be at least 2, --jobs at least 1")
     if given.steps is not None and given.steps < FULL_SHARE:
         parser.error(f"--steps must be at least {FULL_SHARE}, not {given.steps}")
-    rows = read_csv(given.out, COLUMNS) if is_begun(given.out) else []
+    refuse_ignored(parser, given)
+    rows = rows_of(given.out, COLUMNS)
     if given.write:
         for (page, section), table in SECTIONS.items():
             write_atomic(page, replace_section(page.read_text(encoding="utf-8"), section, f"{table(rows)}\n"))
@@ -336,6 +338,13 @@ def main() -> str | None:
             flights = {" ".join(cell.key): partial(measure, cell, path) for cell in cells}
             failures += fly_cells(flights, given.jobs, given.out, COLUMNS)
     return "\n".join(failures) or None
+
+
+def refuse_ignored(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:
+    """End with an error for options of students beside `--policy`, which trains none."""
+    changed = [f"--{name}" for name in OF_STUDENTS if getattr(given, name) != parser.get_default(name)]
+    if given.policy and changed:
+        parser.error(f"--policy trains no students; leave out {' and '.join(changed)}")
 
 
 def planned_cells(

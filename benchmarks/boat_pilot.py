@@ -10,15 +10,15 @@ these rivers can be run at no cost, from wherever an episode begins.
 """
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from page_sections import replace_section
+from tables import of_versions, put, rows_of
 
 from thalweg import BOAT_IDS
-from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core import versions
 from thalweg.core.atomic_io import write_atomic
@@ -61,10 +61,9 @@ def voyages(level: str, seeds: Sequence[int]) -> Iterator[dict[str, str]]:
         yield dict(zip(COLUMNS, map(str, (*told, *VERSIONS.values())), strict=True))
 
 
-def current_rows(path: Path) -> list[dict[str, str]]:
-    """Return the rows of a table that are of today's versions; none without a file."""
-    rows = read_csv(path, COLUMNS) if path.is_file() else []
-    return [row for row in rows if row.items() >= VERSIONS.items()]
+def place_of(row: Mapping[str, str]) -> tuple[int, int]:
+    """Return the place of a row in the table: by level and river."""
+    return list(BOAT_IDS).index(row["level"]), int(row["seed"])
 
 
 def page_section(rows: Sequence[dict[str, str]]) -> str:
@@ -97,22 +96,21 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="run nothing, but write the table of the page")
     given = parser.parse_args()
     if given.write:
-        section = page_section(current_rows(given.out))
+        section = page_section(of_versions(rows_of(given.out, COLUMNS), VERSIONS))
         write_atomic(PAGE, replace_section(PAGE.read_text(encoding="utf-8"), "pilot", section))
         return
     try:
         seeds = parse_seeds(given.seeds, "--seeds", ValueError)
     except ValueError as error:
         parser.error(str(error))
-    rows = current_rows(given.out)
     for level in given.levels:
+        rows = of_versions(rows_of(given.out, COLUMNS), VERSIONS)
         known = {int(row["seed"]) for row in rows if row["level"] == level}
         missing = [seed for seed in seeds if seed not in known]
         for begin in range(0, len(missing), TOGETHER):
-            rows += voyages(level, missing[begin : begin + TOGETHER])
-            rows.sort(key=lambda row: (list(BOAT_IDS).index(row["level"]), int(row["seed"])))
-            write_atomic(given.out, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in rows)))
-            print(page_section(rows), flush=True)
+            run = voyages(level, missing[begin : begin + TOGETHER])
+            rows = put(given.out, COLUMNS, run, ("level", "seed"), place_of)
+            print(page_section(of_versions(rows, VERSIONS)), flush=True)
 
 
 if __name__ == "__main__":

@@ -20,9 +20,10 @@ from any_river import VERSIONS, Cell
 from matplotlib.figure import Figure
 from page_sections import replace_section
 from same_failures import SOON
+from tables import of_versions, put, rows_of
 
 from thalweg.algos.imitation.student import ALGORITHM
-from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
+from thalweg.bench.csv_files import ResultsError, read_csv
 from thalweg.bench.packaged import policy_path
 from thalweg.bench.report.figures import STYLE
 from thalweg.bench.report.table import frame, markdown
@@ -90,11 +91,6 @@ def cell_of(level: str) -> Cell:
 def key_of(path: Path, level: str) -> tuple[str, ...]:
     """Return the values of `KEY`; a student is identified by the hash of its file."""
     return (file_hash(policy_file(path)), level, str(EPISODES), *map(str, VERSIONS.values()))
-
-
-def current(rows: Rows) -> list[Mapping[str, str]]:
-    """Return the rows of today's versions."""
-    return [row for row in rows if all(row[name] == str(version) for name, version in VERSIONS.items())]
 
 
 def students_of(rows: Rows) -> list[str]:
@@ -184,7 +180,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--write", action="store_true", help="fly nothing, but write table and maps of the page")
     given = parser.parse_args(arguments)
     if given.write:
-        rows = current(read_csv(given.out, COLUMNS))
+        rows = of_versions(read_csv(given.out, COLUMNS), VERSIONS)
         if (found := len(students_of(rows))) > len(ORDINALS):
             parser.error(f"{given.out} holds {found} students, but the page has room for {len(ORDINALS)}")
         text = table(rows) if rows else "Nothing was measured with today's versions.\n"
@@ -196,13 +192,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     paths = [policy_path(student) for student in given.students]
     if not 1 <= len(paths) <= len(ORDINALS):
         parser.error(f"between one and {len(ORDINALS)} students are needed, not {len(paths)}")
-    rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
-    done = {tuple(row[name] for name in KEY) for row in rows if not row["start"]}
+    done = {tuple(row[name] for name in KEY) for row in rows_of(given.out, COLUMNS) if not row["start"]}
     for level in given.levels:
         for path in paths:
             if key_of(path, level) not in done:
-                rows += flights_of(path, level)
-                write_atomic(given.out, csv_text(COLUMNS, ([row[column] for column in COLUMNS] for row in rows)))
+                put(given.out, COLUMNS, flights_of(path, level), KEY)
                 print(f"{path} on {level}: flown", flush=True)
     return 0
 

@@ -33,12 +33,11 @@ from study_flights import (
     returned,
     share,
 )
-from tables import is_begun
+from tables import rows_of
 from task_findings import read_studies
 from task_outcomes import LIMITLESS
 
 from thalweg.algos.registry import ALGORITHMS
-from thalweg.bench.csv_files import read_csv
 from thalweg.bench.fronts.fronts import FIXED
 from thalweg.bench.report.comparison_tables import return_change
 from thalweg.bench.report.policies import COST_LIMIT, limit_met, train_level
@@ -225,7 +224,7 @@ class Student:
 
 def student(level: str, table: Path = any_river.TABLE) -> Student:
     """Return what students of image and mask return on a level, from the table of `any_river.py`."""
-    rows = read_csv(table, any_river.COLUMNS) if is_begun(table) else []
+    rows = rows_of(table, any_river.COLUMNS)
     cells = [any_river.cells_of(rows, MASKED, kind, level) for kind in ("fixed", "unseen", "varied")]
     steps = max((int(row["steps"]) for found in cells for row in found), default=0)
     return Student(*(mean_return(found) if found else None for found in cells), steps=steps)

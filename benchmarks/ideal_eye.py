@@ -29,7 +29,7 @@ import numpy as np
 import torch
 from page_sections import replace_section
 from settings_hash import settings_hash
-from tables import append, is_begun
+from tables import append, last_of_each, rows_of
 
 from thalweg.algos.policy.policy import AnyPolicy
 from thalweg.algos.registry import ALGORITHMS, algorithm_named
@@ -183,7 +183,7 @@ def measure(trial: Trial, runs: Path) -> dict[str, str]:
 
 def finished(table: Path) -> set[tuple[str, ...]]:
     """Return the keys of the trials that have a row."""
-    return {tuple(row[name] for name in KEY) for row in read_csv(table, KEY)} if is_begun(table) else set()
+    return {tuple(row[name] for name in KEY) for row in rows_of(table, KEY)}
 
 
 def trial_of(row: Mapping[str, str]) -> Trial:
@@ -208,8 +208,9 @@ def _has_versions(row: Mapping[str, str]) -> bool:
 
 
 def shown_rows(rows: Iterable[Mapping[str, str]]) -> list[Mapping[str, str]]:
-    """Return the rows of today, and those from before deadlines for which there are none, in their order."""
-    rows = list(rows)
+    """Return the rows of today, and those from before deadlines for which there are none, in their order; of those of
+    the same trial, which two commands may have run, the last."""
+    rows = last_of_each(rows, KEY)
     same = itemgetter("algorithm", "changes", "level", "rivers", "steps", "seed")
     today = {same(row) for row in rows if is_current(row)}
     return [row for row in rows if is_current(row) or (same(row) not in today and is_before_deadlines(row))]
@@ -303,6 +304,10 @@ def main() -> int:
     chosen = parser.parse_args()
     if not chosen.algorithm and (chosen.set or chosen.steps):
         parser.error("--set and --steps are of one trial: name its algorithm by --algorithm")
+    if chosen.algorithm and chosen.only:
+        parser.error("--only is for the table's trials; leave it out beside --algorithm")
+    if (chosen.write or chosen.check) and chosen.out != TABLE:
+        parser.error("--write and --check are for the table of this folder; leave --out out")
     if chosen.write or chosen.check:
         outdated = {path: text for path, text in written_pages().items() if text != path.read_text()}
         for path, text in outdated.items() if chosen.write else ():

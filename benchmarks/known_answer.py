@@ -21,15 +21,25 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
-from filelock import FileLock
-
 # The rows come first: they let the problems, which are part of the tests, be imported.
 from known_answer_page import page, written_pages
-from known_answer_rows import COLUMNS, HERE, KEY, SEEDS, Table, finished, folder_name, key, result_of, row_versions
+from known_answer_rows import (
+    COLUMNS,
+    HERE,
+    KEY,
+    SEEDS,
+    Table,
+    finished,
+    folder_name,
+    key,
+    planned_rows,
+    result_of,
+    row_versions,
+)
+from tables import Rows, change
 
 from tests.known_answer.harness import ACTION_SETUPS, REQUIREMENTS, Case, cases, trained
 from tests.known_answer.problems import PROBLEMS
-from thalweg.bench.csv_files import csv_text
 from thalweg.core.atomic_io import write_atomic
 from thalweg.core.parent_process import end_with_parent
 
@@ -62,15 +72,10 @@ def remaining(planned: Sequence[tuple[Case, int]], rows: Table) -> list[tuple[Ca
     return [(case, seed) for case, seed in planned if key(case, seed) not in done]
 
 
-def write(path: Path, rows: Table) -> None:
-    """Write the table, sorted by its keys."""
-    write_atomic(path, csv_text(COLUMNS, ([rows[name][column] for column in COLUMNS] for name in sorted(rows))))
-
-
 def put(path: Path, row: dict[str, str]) -> None:
-    """Write a row into the table, in place of that of the same run; other commands may write theirs meanwhile."""
-    with FileLock(path.with_name(".lock")):
-        write(path, finished(path) | {tuple(row[name] for name in KEY): row})
+    """Write a row into the table, in place of that of the same run; rows that no planned run matches are dropped."""
+    own = {tuple(row[name] for name in KEY): row}
+    change(path, COLUMNS, lambda rows: sorted_rows(planned_rows(rows) | own))
 
 
 def forget(path: Path, again: Sequence[tuple[Case, int]], runs: Path) -> None:
@@ -78,8 +83,16 @@ def forget(path: Path, again: Sequence[tuple[Case, int]], runs: Path) -> None:
     for case, seed in again:
         shutil.rmtree(runs / folder_name(case, seed), ignore_errors=True)
     names = {key(case, seed) for case, seed in again}
-    with FileLock(path.with_name(".lock")):
-        write(path, {name: row for name, row in finished(path).items() if name not in names})
+
+    def others(rows: Rows) -> Rows:
+        return sorted_rows({name: row for name, row in planned_rows(rows).items() if name not in names})
+
+    change(path, COLUMNS, others)
+
+
+def sorted_rows(rows: Table) -> Rows:
+    """Return the rows sorted by their keys."""
+    return [rows[name] for name in sorted(rows)]
 
 
 def main() -> str | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from settings_hash import settings_hash
+from tables import Rows, rows_of
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))  # the problems are part of the tests
@@ -15,7 +16,6 @@ from tests.known_answer.harness import Case, Result, cases, reference  # noqa: E
 from tests.known_answer.problems import PROBLEMS  # noqa: E402
 from tests.known_answer.scores import Score  # noqa: E402
 from thalweg.algos import ALGORITHMS  # noqa: E402
-from thalweg.bench.csv_files import read_csv  # noqa: E402
 from thalweg.core import versions  # noqa: E402
 from thalweg.core.config import to_plain  # noqa: E402
 
@@ -69,7 +69,11 @@ def folder_name(case: Case, seed: int) -> str:
 
 def finished(path: Path) -> Table:
     """Return the rows of the table that match a planned run, by their key."""
-    rows = read_csv(path, COLUMNS) if path.is_file() else []
+    return planned_rows(rows_of(path, COLUMNS))
+
+
+def planned_rows(rows: Rows) -> Table:
+    """Return those of the rows that match a planned run, by their key."""
     table = {tuple(row[name] for name in KEY): row for row in rows}
     planned = {key(case, seed) for case in cases() for seed in {int(row["seed"]) for row in rows}}
     return {name: row for name, row in table.items() if name in planned}

@@ -11,15 +11,16 @@ the rows show.
 
 import argparse
 import math
+from collections.abc import Mapping
 from pathlib import Path
 
 # The rows come first: they let the problems, which are part of the tests, be imported.
 from known_answer_rows import HERE, folder_name, row_versions
+from tables import Rows, put, rows_of, thinned
 
 from tests.known_answer.harness import REQUIREMENTS, Case, trained
 from thalweg.algos.constraint.cost_limits import cost_suffixes
-from thalweg.bench.csv_files import csv_text, read_csv
-from thalweg.core.atomic_io import write_atomic
+from thalweg.bench.csv_files import read_csv
 
 RUNS = (
     ("TD3Lag", "dense", 2),
@@ -54,25 +55,11 @@ COLUMNS = (*KEY, "steps", "multiplier", "budget", "cost_mean_50", "return_mean_5
 planner may cost; either is empty for an algorithm without. `cost_mean_50` is the sum of all costs."""
 OF_LIMITS = ("multiplier", "budget")
 """Columns with a number for each limit."""
-Rows = list[dict[str, str]]
 
 
 def key_of(algorithm: str, problem: str, seed: int) -> dict[str, str]:
     """Return the key of a run with today's versions."""
     return {"algorithm": algorithm, "problem": problem, "seed": str(seed)} | row_versions(algorithm)
-
-
-def rows_of(path: Path) -> Rows:
-    """Return the rows of a table; none without a file."""
-    return read_csv(path, COLUMNS) if path.exists() else []
-
-
-def thinned(metrics: Rows) -> Rows:
-    """Return the first report after each multiple of `INTERVAL` steps, and the last one."""
-    found: dict[int, dict[str, str]] = {}
-    for row in metrics:
-        found.setdefault(int(row["steps"]) // INTERVAL, row)
-    return list({row["steps"]: row for row in (*found.values(), metrics[-1])}.values())
 
 
 def trace(case: Case, metrics: Rows) -> Rows:
@@ -85,7 +72,7 @@ def trace(case: Case, metrics: Rows) -> Rows:
             "cost_mean_50": _rounded(row["cost_mean_50"]),
             "return_mean_50": _rounded(row["return_mean_50"]),
         }
-        for row in thinned(metrics)
+        for row in thinned(metrics, INTERVAL)
     ]
 
 
@@ -104,23 +91,20 @@ def main() -> None:
     chosen = parser.parse_args()
     for run in RUNS:
         key = key_of(*run)
-        if run[0] not in chosen.only or any(key.items() <= row.items() for row in rows_of(chosen.out)):
+        if run[0] not in chosen.only or any(key.items() <= row.items() for row in rows_of(chosen.out, COLUMNS)):
             continue
         algorithm, problem, seed = run
         case = Case(algorithm, "multidiscrete", problem)
         folder = chosen.runs / folder_name(case, seed)
         result = trained(case, seed, folder)
         print(f"{algorithm}, {problem}, seed {seed}: share {result.share:.3f}, costs {result.score.costs}", flush=True)
-        replace_rows(chosen.out, key, trace(case, read_csv(folder / "metrics.csv", ("steps",))))
+        new = [key | row for row in trace(case, read_csv(folder / "metrics.csv", ("steps",)))]
+        put(chosen.out, COLUMNS, new, KEY[:3], place_of)
 
 
-def replace_rows(path: Path, key: dict[str, str], new: Rows) -> None:
-    """Replace the rows of a run in the table, which has the order of `RUNS`."""
-    order = [(name, at, str(number)) for name, at, number in RUNS]
-    others = [row for row in rows_of(path) if [row[name] for name in KEY[:3]] != [key[name] for name in KEY[:3]]]
-    rows = [*others, *(key | row for row in new)]
-    rows.sort(key=lambda row: order.index((row["algorithm"], row["problem"], row["seed"])))
-    write_atomic(path, csv_text(COLUMNS, ([row[name] for name in COLUMNS] for row in rows)))
+def place_of(row: Mapping[str, str]) -> int:
+    """Return the place of a row in the table, which has the order of `RUNS`."""
+    return RUNS.index((row["algorithm"], row["problem"], int(row["seed"])))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@
     python benchmarks/pace.py --write
 
 Each run has 200,000 steps on Medium with the default settings and one seed, rendering included. An interrupted run
-resumes; a finished one becomes a row of pace.csv and a curve of pace_curves.csv, in place of those of another version.
+resumes; a finished one becomes a row of pace.csv and a curve of pace_curves.csv, in place of those of other versions.
 `--write` trains nothing: it writes the table into docs/algorithms/README.md and draws each curve for the page of its
 algorithm.
 """
@@ -18,9 +18,10 @@ import matplotlib
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 from page_sections import replace_section
+from tables import Rows, of_versions, put, rows_of, thinned
 
 from thalweg.algos.registry import ALGORITHMS, algorithm_named
-from thalweg.bench.csv_files import csv_text, read_csv
+from thalweg.bench.csv_files import read_csv
 from thalweg.bench.report.figures import STYLE
 from thalweg.bench.report.policies import CRITICS_SEE
 from thalweg.bench.report.table import frame, markdown
@@ -41,19 +42,28 @@ STAGES = ("act", "env", "learn", "encode", "other")
 """Stages of training: choosing actions (planning included), frames and rules, updates, the encoder, and the rest."""
 CURVE_INTERVAL = 4096
 """Steps between two points of a curve."""
-COLUMNS = ("algorithm", "version", "processor", "steps", "seconds", *STAGES, "return_mean_50", "cost_mean_50")
+COLUMNS = (
+    *("algorithm", "version", "processor", "steps", "seconds", *STAGES, "return_mean_50", "cost_mean_50"),
+    *("training", "world", "render", "rules", "encoder"),
+)
 CURVE = ("algorithm", "steps", "return_mean_50", "cost_mean_50")
-Rows = list[dict[str, str]]
 
 
-def rows_of(path: Path, columns: tuple[str, ...]) -> Rows:
-    """Return the rows of a table, or none if the file does not exist."""
-    return read_csv(path, columns) if path.exists() else []
+def versions_of(algorithm: str) -> dict[str, str]:
+    """Return today's versions of what a run depends on, by their columns."""
+    shared = {
+        "training": versions.TRAINING,
+        "world": versions.WORLD,
+        "render": versions.RENDER,
+        "rules": versions.RULES,
+        "encoder": versions.PACKAGED_ENCODER,
+    }
+    return {name: str(number) for name, number in ({"version": versions.ALGORITHMS[algorithm]} | shared).items()}
 
 
 def row_of(algorithm: str, processor: str, metrics: Rows) -> dict[str, str]:
-    """Return the row of a finished run of today's version: its seconds by stage, and its final return and cost."""
-    made_with = {"version": str(versions.ALGORITHMS[algorithm]), "processor": processor}
+    """Return the row of a finished run of today's versions: its seconds by stage, and its final return and cost."""
+    made_with = versions_of(algorithm) | {"processor": processor}
     spent = {stage: f"{sum(float(row[f'time_{stage}']) for row in metrics):.1f}" for stage in STAGES}
     last = metrics[-1]
     ends = {name: f"{float(last[name]):.3f}" for name in ("return_mean_50", "cost_mean_50")}
@@ -68,30 +78,21 @@ def processor_of(folder: Path) -> str:
 
 
 def has_row(algorithm: str) -> bool:
-    """Return whether today's version of an algorithm has a row."""
-    current = str(versions.ALGORITHMS[algorithm])
-    return any((row["algorithm"], row["version"]) == (algorithm, current) for row in rows_of(TABLE, COLUMNS))
+    """Return whether an algorithm has a row of today's versions."""
+    return bool(of_versions(rows_of(TABLE, COLUMNS), versions_of(algorithm) | {"algorithm": algorithm}))
 
 
 def curve_of(algorithm: str, metrics: Rows) -> Rows:
     """Return the first row of the log after each multiple of `CURVE_INTERVAL` steps, and the last row."""
-    found: dict[int, dict[str, str]] = {}
-    for row in metrics:
-        found.setdefault(int(row["steps"]) // CURVE_INTERVAL, row)
-    found[-1] = metrics[-1]
-    rows = sorted(found.values(), key=lambda row: int(row["steps"]))
     return [
         {"algorithm": algorithm, "steps": row["steps"]} | {name: f"{float(row[name]):.3f}" for name in CURVE[2:]}
-        for row in {row["steps"]: row for row in rows}.values()
+        for row in thinned(metrics, CURVE_INTERVAL)
     ]
 
 
-def replace_rows(path: Path, columns: tuple[str, ...], algorithm: str, new: Rows) -> None:
-    """Replace the rows of an algorithm in a table, which is sorted in the order of the registry."""
-    others = [row for row in rows_of(path, columns) if row["algorithm"] != algorithm]
-    order = list(ALGORITHMS)
-    rows = sorted([*others, *new], key=lambda row: order.index(row["algorithm"]))
-    write_atomic(path, csv_text(columns, ([row[name] for name in columns] for row in rows)))
+def replace_rows(path: Path, columns: tuple[str, ...], new: Rows) -> None:
+    """Put the rows of an algorithm into a table in place of its others; it is sorted in the order of the registry."""
+    put(path, columns, new, ("algorithm",), lambda row: list(ALGORITHMS).index(row["algorithm"]))
 
 
 def measure(algorithm: str, folder: Path) -> None:
@@ -99,14 +100,13 @@ def measure(algorithm: str, folder: Path) -> None:
     RiverTraining("Medium", NUM_ENVS).train(
         algorithm, load_compatible_encoder(None), steps=STEPS, seed=SEED, folder=folder
     )
-    made_with = (read_config(folder) or {}).get("made_with", {}).get(algorithm)
-    if made_with != versions.ALGORITHMS[algorithm]:
-        raise SystemExit(
-            f"{folder} holds a run of {algorithm} {made_with}, not {versions.ALGORITHMS[algorithm]}: remove it"
-        )
+    made_with, today = (read_config(folder) or {}).get("made_with", {}), versions_of(algorithm)
+    for name, column in ((algorithm, "version"), *((each, each) for each in ("training", "world", "rules"))):
+        if str(made_with.get(name)) != today[column]:
+            raise SystemExit(f"{folder} holds a run of {name} {made_with.get(name)}, not {today[column]}: remove it")
     metrics = read_csv(folder / "metrics.csv", ("steps", "seconds", *CURVE[2:]))
-    replace_rows(CURVES, CURVE, algorithm, curve_of(algorithm, metrics))
-    replace_rows(TABLE, COLUMNS, algorithm, [row_of(algorithm, processor_of(folder), metrics)])
+    replace_rows(CURVES, CURVE, curve_of(algorithm, metrics))
+    replace_rows(TABLE, COLUMNS, [row_of(algorithm, processor_of(folder), metrics)])
 
 
 def table() -> str:

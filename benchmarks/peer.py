@@ -26,6 +26,7 @@ import numpy as np
 from peer_setup import PINS, SIDE, Setup, drawing_by, set_up
 from peer_venv import SetupError, last_lines
 from PIL import Image
+from ratios import ratio
 
 from thalweg.core.atomic_io import atomic_path, write_atomic
 from thalweg.core.machine import machine_info, package_versions
@@ -144,16 +145,6 @@ class Side:
             self.log.seek(0)
             raise RuntimeError(f"{self.contender} failed:\n{last_lines(self.log.read())}")
         return json.loads(line)
-
-
-def ratio(ours: Sequence[float], theirs: Sequence[float]) -> tuple[float, float, float]:
-    """Return the median, least and greatest ratio of ours to theirs over the repetitions."""
-    if len(ours) != len(theirs) or not len(ours):
-        raise ValueError(
-            f"both sides need the same number of repetitions, at least one; not {len(ours)} and {len(theirs)}"
-        )
-    ratios = [mine / other for mine, other in zip(ours, theirs, strict=True)]
-    return statistics.median(ratios), min(ratios), max(ratios)
 
 
 def comparisons(measurements: Sequence[dict]) -> list[dict]:

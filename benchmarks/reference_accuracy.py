@@ -13,7 +13,6 @@ classes by the share of pixels whose central ray hits the same thing.
 """
 
 import argparse
-import csv
 import multiprocessing
 import statistics
 import sys
@@ -25,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from tables import Rows, change, rows_of
 
 from thalweg.bench.pictures.gallery import strip
 from thalweg.core import versions
@@ -48,6 +48,10 @@ LEAST_DB, AIM_DB = 22.0, 26.0
 """Required and desired mean of the signal-to-noise ratio."""
 LEAST_MASK = 0.995
 """Required mean share of a frame's mask pixels that agree."""
+COLUMNS = (
+    *("number", "level", "x", "y", "z", "yaw", "time_s", "pixels", "samples", "version", "world_version"),
+    *("psnr_db", "mask", "class", "seconds"),
+)
 AMPLIFIED = 4
 """Factor by which differences are amplified in the picture."""
 
@@ -123,17 +127,19 @@ def compare(case: Case, ours: Frame, truth: reference.ReferenceFrame, seconds: f
     }
 
 
+def current(rows: Rows, planned: list[Case]) -> dict[int, dict[str, str]]:
+    """Return the rows of today's poses and versions, by number."""
+    by_number = {row["number"]: row for row in rows}
+    found = {case.number: by_number.get(str(case.number), {}) for case in planned}
+    return {case.number: found[case.number] for case in planned if case.identity.items() <= found[case.number].items()}
+
+
 def finished(path: Path, planned: list[Case]) -> dict[int, dict[str, str]]:
     """Return the finished rows of the current versions, by number."""
-    if not path.is_file():
-        return {}
-    with path.open(newline="") as file:
-        rows = {row.get("number"): row for row in csv.DictReader(file)}
-    valid = {}
-    for case in planned:
-        row = rows.get(str(case.number), {})
-        if case.identity.items() <= row.items() and (case.number >= SHOWN or case.cached_frame.is_file()):
-            valid[case.number] = row
+    rows, shown = rows_of(path, COLUMNS), {case.number: case.cached_frame for case in planned if case.number < SHOWN}
+    valid = {
+        number: row for number, row in current(rows, planned).items() if number not in shown or shown[number].is_file()
+    }
     print(
         f"{len(valid)} of {POSES} poses are finished; {len(rows) - len(valid)} rows are of other versions",
         flush=True,
@@ -141,13 +147,14 @@ def finished(path: Path, planned: list[Case]) -> dict[int, dict[str, str]]:
     return valid
 
 
-def write(path: Path, rows: dict[int, dict[str, str]]) -> None:
-    """Write the table in the order of the numbers."""
-    ordered = [rows[number] for number in sorted(rows)]
-    with atomic_path(path) as draft, draft.open("w", newline="") as file:
-        writer = csv.DictWriter(file, ordered[0])
-        writer.writeheader()
-        writer.writerows(ordered)
+def write(path: Path, row: dict[str, str], planned: list[Case]) -> None:
+    """Write a row into the table, in the order of the numbers; rows of other versions are dropped."""
+
+    def changed(rows: Rows) -> Rows:
+        found = current([*rows, row], planned)
+        return [found[number] for number in sorted(found)]
+
+    change(path, COLUMNS, changed)
 
 
 def show(path: Path, planned: list[Case], ours: Frame, rows: dict[int, dict[str, str]]) -> None:
@@ -205,7 +212,7 @@ def main() -> str | None:
                 with atomic_path(case.cached_frame) as draft:
                     np.save(draft, truth.rgb)
             rows[case.number] = compare(case, ours, truth, seconds)
-            write(chosen.out / "reference_accuracy.csv", rows)
+            write(chosen.out / "reference_accuracy.csv", rows[case.number], planned)
             print(
                 case.number, case.level, *(f"{key} {rows[case.number][key]}" for key in ("psnr_db", "mask", "seconds"))
             )

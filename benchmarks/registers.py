@@ -1,15 +1,18 @@
 """Registers and spills of each kernel on a Hopper GPU, compiled without having one.
 
     python benchmarks/registers.py
+    python benchmarks/registers.py advance see_boats    # these kernels alone
 
-writes registers.csv, with the multiprocessor's share that can be at work at once. It needs requirements-cuda.lock.
+writes registers.csv, with the multiprocessor's share that can be at work at once. It needs requirements-cuda.lock. A
+row is written as its kernel is compiled, in place of an earlier one.
 """
 
+import argparse
 import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,8 +23,6 @@ import numpy as np
 from numba import cuda, types
 from numba.cuda import dispatcher
 
-from thalweg.bench.csv_files import csv_text
-from thalweg.core.atomic_io import write_atomic
 from thalweg.env.config import EnvConfig
 from thalweg.env.device import cuda_step as rules
 from thalweg.env.device.step import reset_arguments
@@ -33,6 +34,10 @@ from thalweg.render.kernels.camera_rays import Radiance
 from thalweg.render.records.scene import Scene
 from thalweg.render.records.view import COLOURS, LAYERS, MASK, Buffers, FrameSettings, Views
 from thalweg.world import load_or_build
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))  # tests import this script as a part of `benchmarks`
+
+from tables import change
 
 TABLE = Path(__file__).resolve().parent / "registers.csv"
 COLUMNS = ("kernel", "registers", "stack_bytes", "spilled_bytes", "shared_bytes", "threads", "occupancy")
@@ -207,14 +212,25 @@ def occupancy(registers: int, threads: int) -> float:
 
 
 def main() -> int:
-    rows = []
-    for name, variant in variants().items():
-        found = resource_usage(ptx_of(variant))
-        share = occupancy(found["registers"], variant.threads)
-        rows.append([name, *found.values(), variant.threads, f"{share:.2f}"])
-        print(name, found, f"occupancy {share:.0%}", flush=True)
-    write_atomic(TABLE, csv_text(COLUMNS, rows))
+    kernels = variants()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kernels", nargs="*", metavar="KERNEL", help=f"of these, by default all: {', '.join(kernels)}")
+    chosen = parser.parse_args().kernels or list(kernels)
+    if unknown := [name for name in chosen if name not in kernels]:
+        parser.error(f"there is no kernel {unknown[0]!r}; choose from {', '.join(kernels)}")
+    for name in chosen:
+        found = resource_usage(ptx_of(kernels[name]))
+        share = occupancy(found["registers"], kernels[name].threads)
+        row = {"kernel": name, **found, "threads": kernels[name].threads, "occupancy": f"{share:.2f}"}
+        print(*row.values(), flush=True)
+        change(TABLE, COLUMNS, lambda rows, row=row: in_order([*rows, row], list(kernels)))
     return 0
+
+
+def in_order(rows: Iterable[Mapping[str, Any]], kernels: Sequence[str]) -> list[Mapping[str, Any]]:
+    """Return the last row of each of the kernels, in their order; rows of others are dropped."""
+    found = {row["kernel"]: row for row in rows}
+    return [found[name] for name in kernels if name in found]
 
 
 if __name__ == "__main__":

@@ -21,11 +21,12 @@ from any_river import VERSIONS, Cell
 from page_sections import replace_section
 from PIL import Image
 from river_flights import fly
+from tables import of_versions, put, rows_of
 
 from thalweg.algos.imitation.student import ALGORITHM
 from thalweg.algos.policy.player import NetworkPlayer
 from thalweg.algos.policy.policy import Policy
-from thalweg.bench.csv_files import ResultsError, csv_text, read_csv
+from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.course import UNSEEN, Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label
 from thalweg.bench.report.table import frame, markdown
@@ -198,9 +199,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=TABLE, help="the table")
     parser.add_argument("--write", action="store_true", help="fly nothing, but write the table of the page")
     given = parser.parse_args(arguments)
-    rows = read_csv(given.out, COLUMNS) if given.out.is_file() else []
+    rows = rows_of(given.out, COLUMNS)
     if given.write:
-        current = [row for row in rows if all(row[name] == str(version) for name, version in VERSIONS.items())]
+        current = of_versions(rows, VERSIONS)
         if len(pairs := sorted({f"{row['students']}, {row['episodes']} flights" for row in current})) > 1:
             parser.error(f"{given.out} holds several pairs of students or numbers of flights: {'; '.join(pairs)}")
         text = table(current) if current else "Nothing was measured with today's versions.\n"
@@ -215,8 +216,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for level in given.levels:
         for name in given.policies:
             if key_of(name, level, given.students, given.episodes) not in done:
-                rows += flights_of(name, level, given.students, given.episodes)
-                write_atomic(given.out, csv_text(COLUMNS, ([row[column] for column in COLUMNS] for row in rows)))
+                put(given.out, COLUMNS, flights_of(name, level, given.students, given.episodes), KEY)
                 print(f"{name} on {level}: flown", flush=True)
     return 0
 

@@ -2,7 +2,9 @@
 
     python benchmarks/search.py [ALGORITHM ...]
 
-runs the missing trials and appends a row to search.csv for each one as it finishes. An interrupted trial resumes.
+runs the missing trials and appends a row to search.csv for each one as it finishes. An interrupted trial resumes. Rows
+have no versions: a trial that has a row is not run again, whatever has changed since. Those in search.csv are of
+version 1 of each algorithm.
 
 Each algorithm has at most eight trials of 50,000 steps, with a training seed that no study uses. A trial is chosen by
 three rules:
@@ -32,7 +34,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tables import append, is_begun
+from tables import append, rows_of
 
 from thalweg.algos.registry import algorithm_named
 from thalweg.bench.csv_files import read_csv
@@ -112,7 +114,7 @@ def main() -> None:
         algorithm = algorithm_named(name).name
         for number, changes in enumerate(TRIALS[algorithm]):
             key = (algorithm, settings_text(changes), str(STEPS))
-            done = read_csv(TABLE, ("algorithm", "changes", "steps")) if is_begun(TABLE) else []
+            done = rows_of(TABLE, ("algorithm", "changes", "steps"))
             if any((row["algorithm"], row["changes"], row["steps"]) == key for row in done):
                 continue
             row = run_trial(algorithm, number, given.out / f"{algorithm} {settings_text(changes)}")

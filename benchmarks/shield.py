@@ -31,9 +31,8 @@ from page_sections import replace_section
 from river_flights import RESULTS, figures_of, fly_cells, joined
 from shield_arms import ARMS, EPISODES, KEY, KINDS, LEVELS, NAMES, Pair, arm_of_file, chosen_arms, names_of, planned
 from shield_page import SIDES, VETOED, page_tables
-from tables import is_begun
+from tables import rows_of
 
-from thalweg.bench.csv_files import read_csv
 from thalweg.bench.evaluate.course import EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.evaluate.evaluation import Label, evaluate, observation_function
@@ -153,7 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> str | None:
         names = names_of((*ARMS, *others))
     except (ValueError, OSError) as error:
         parser.error(str(error))
-    rows = read_csv(given.out, COLUMNS) if is_begun(given.out) else []
+    rows = rows_of(given.out, COLUMNS)
     if given.write:
         page = replace_section(PAGE.read_text(encoding="utf-8"), SECTION, page_tables(rows, names) + "\n")
         write_atomic(PAGE, page)

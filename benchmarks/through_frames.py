@@ -23,9 +23,8 @@ from ladder import COLUMNS, Task, missing_cells, status_of
 from ladder_arms import CELL_KEY, FIXED, Arm
 from page_sections import replace_section
 from river_flights import mean_return
-from tables import is_begun
+from tables import rows_of
 
-from thalweg.bench.csv_files import read_csv
 from thalweg.bench.report.policies import CRITICS_SEE
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core import versions
@@ -166,7 +165,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = [arm for arm in checks() if any(fnmatch.fnmatchcase(label(arm), pattern) for pattern in given.only)]
     if not chosen:
         parser.error(f"--only {' '.join(given.only)} matches no check; --list shows their labels")
-    rows = read_csv(given.out, COLUMNS) if is_begun(given.out) else []
+    rows = rows_of(given.out, COLUMNS)
     if given.write:
         write_atomic(PAGE, written_page(PAGE.read_text(encoding="utf-8"), rows))
         return 0

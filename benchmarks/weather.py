@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from page_sections import replace_section
+from tables import of_versions
 
 from thalweg.bench.csv_files import csv_text, read_csv
 from thalweg.bench.report.table import frame, markdown
@@ -65,11 +66,10 @@ def measured(episodes: int) -> list[tuple[Any, ...]]:
 def table(rows: list[dict[str, str]]) -> str:
     """Return the table of the page, of rows of today's versions alone."""
     names = "dynamics", "mean wind", "pilot", "return", "successes"
-    rows = [row for row in rows if all(row[name] == str(version) for name, version in VERSIONS.items())]
     lines = [
         (row["dynamics"], f"{float(row['wind_m_per_s']):.0f} m/s", row["pilot"], f"{float(row['return']):.2f}",
          f"{row['successes']} of {row['episodes']}")
-        for row in rows
+        for row in of_versions(rows, VERSIONS)
     ]  # fmt: skip
     return markdown(frame(names, lines))
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from page_sections import replace_section, wrap
 from peer import COMPARED, KINDS, OURS, PEER
+from ratios import number_text
 
 from thalweg.bench.report.table import frame, markdown
 from thalweg.bench.speed.speed_table import describe
@@ -18,11 +19,6 @@ COLUMNS = ("a second", "by", "environments", "median", "slowest", "fastest")
 RATIOS = ("Thalweg beside Safety-Gymnasium", "times", "least", "greatest")
 
 
-def times(value: float) -> str:
-    """Return a ratio or a rate as text: two decimal places below 10, one below 100."""
-    return f"{value:.2f}" if value < 10 else f"{value:.1f}" if value < 100 else f"{value:,.0f}"
-
-
 def table_rows(found: dict) -> list[list[str]]:
     """Return a row of `COLUMNS` for each measurement: kind by kind, theirs above ours."""
     order = [(kind, side) for kind in KINDS for side in (PEER, OURS)]
@@ -32,7 +28,7 @@ def table_rows(found: dict) -> list[list[str]]:
             KINDS[line["kind"]],
             line["side"],
             str(line["count"]),
-            *(times(of(line["rates"])) for of in (statistics.median, min, max)),
+            *(number_text(of(line["rates"])) for of in (statistics.median, min, max)),
         ]
         for line in lines
     ]
@@ -41,7 +37,8 @@ def table_rows(found: dict) -> list[list[str]]:
 def ratio_rows(found: dict) -> list[list[str]]:
     """Return a row of `RATIOS` for each comparison."""
     return [
-        [line["what"], *(times(line[key]) for key in ("ratio", "least", "greatest"))] for line in found["comparisons"]
+        [line["what"], *(number_text(line[key]) for key in ("ratio", "least", "greatest"))]
+        for line in found["comparisons"]
     ]
 
 
@@ -66,7 +63,7 @@ def sentence(found: dict) -> str:
     """Return the section of `docs/render.md`."""
     by_name = {line["what"]: line for line in found["comparisons"]}
     one, best, frame = (
-        f"{times(line['ratio'])} times ({times(line['least'])} to {times(line['greatest'])})"
+        f"{number_text(line['ratio'])} times ({number_text(line['least'])} to {number_text(line['greatest'])})"
         for line in (by_name[name] for name in COMPARED)
     )
     size, cores = found["size"], found["machine"]["cores"]

@@ -42,7 +42,8 @@ TOY = 1
 """Version of the toy and of both runners (`side.py`, `ours.py`), raised by hand when their behaviour changes."""
 BINS = 25
 """Points of a curve: means over the episodes that ended in each of as many intervals of equal length."""
-COLUMNS = ("algorithm", "side", "seed", "step", "return", "cost", "episodes")
+COLUMNS = ("algorithm", "side", "version", "seed", "step", "return", "cost", "episodes")
+"""`version` is that of Thalweg's algorithm; OmniSafe's rows have none."""
 
 
 def request_for(contest: Contest, work: Work, side: str, seed: int, threads: int | None = None) -> dict[str, Any]:
@@ -142,6 +143,8 @@ def measure_speed(python: Path, contests: Sequence[Contest], repeats: int, out: 
             }
             if side == PEER:
                 before["peer"] = answer["versions"]
+            else:
+                line["version"] = ALGORITHMS[contest.algorithm]
             done = f"{side}'s {contest.algorithm}, {wall:.3g} {contest.unit} a second"
             print(f"{turn + 1} of {repeats}: {done}", flush=True)
         write_atomic(out, json.dumps(before | {"lines": [*unchanged, *lines.values()]}, indent=2) + "\n")
@@ -187,7 +190,8 @@ def draw_curves(python: Path, contests: Sequence[Contest], seeds: int) -> None:
         for contest, side in in_turns(contests, seed, lambda _: SIDES):
             answer = cached_answer(python, contest, side, seed)
             for step, return_, cost, count in binned(answer["episodes"], contest.works.curves.steps):
-                row = {"algorithm": contest.algorithm, "side": side, "seed": seed, "step": step}
+                version = ALGORITHMS[contest.algorithm] if side == OURS else ""
+                row = {"algorithm": contest.algorithm, "side": side, "version": version, "seed": seed, "step": step}
                 table.append(row | {"return": f"{return_:.4f}", "cost": f"{cost:.4f}", "episodes": count})
     names = [contest.algorithm for contest in CONTESTS]
     position = {name: index for index, name in enumerate(names)}

@@ -41,6 +41,12 @@ def read(file: Path) -> Curves:
     return curves
 
 
+def read_versions(file: Path) -> dict[str, int]:
+    """Return the version of each of Thalweg's algorithms that the table was made with."""
+    with file.open(newline="") as text:
+        return {row["algorithm"]: int(row["version"]) for row in csv.DictReader(text) if row["version"]}
+
+
 def band(seeds: dict[int, dict[int, dict[str, float]]], measure: str) -> np.ndarray:
     """Return [4, steps]: step, mean, least and greatest, at the steps that all seeds have."""
     steps = sorted(set.intersection(*(set(points) for points in seeds.values())))

@@ -6,22 +6,24 @@ python -m benchmarks.omnisafe.write [--check]
 import json
 import statistics
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from benchmarks.omnisafe.compare import CURVES, HALF, OURS, PEER, SIDES, SPEED
 from benchmarks.omnisafe.contests import CONTESTS, contest_named
-from benchmarks.omnisafe.plot import Curves, read
+from benchmarks.omnisafe.plot import Curves, read, read_versions
 from benchmarks.page_sections import replace_section, wrap
+from benchmarks.ratios import number_text, ratio
 from thalweg.bench.report.table import frame, markdown
 from thalweg.bench.speed.speed_table import describe
+from thalweg.core import versions
 
 PAGE = Path(__file__).resolve().parents[1] / "README.md"
 SECTION = "omnisafe"
 SPEEDS = (
     "per second",
     "algorithm",
+    "version",
     "OmniSafe",
     "Thalweg",
     "ratio",
@@ -33,6 +35,7 @@ SPEEDS = (
 WORK = ("algorithm", "steps, OmniSafe", "gradient steps, OmniSafe", "steps, Thalweg", "gradient steps, Thalweg")
 FINAL = (
     "algorithm",
+    "version",
     "seeds",
     "return, OmniSafe",
     "return, Thalweg",
@@ -42,17 +45,6 @@ FINAL = (
 )
 LAST = 0.2
 """Final returns and costs are means over this last share of the steps."""
-
-
-def number_text(value: float) -> str:
-    """Return a rate or a ratio as text: two decimal places below 10, one below 100."""
-    return f"{value:.2f}" if value < 10 else f"{value:.1f}" if value < 100 else f"{value:,.0f}"
-
-
-def ratio(ours: Sequence[float], theirs: Sequence[float]) -> tuple[float, float, float]:
-    """Return the median, least and greatest ratio of ours to theirs over the repetitions."""
-    ratios = [mine / other for mine, other in zip(ours, theirs, strict=True)]
-    return statistics.median(ratios), min(ratios), max(ratios)
 
 
 def speed_rows(found: dict[str, Any]) -> list[list[str]]:
@@ -71,7 +63,8 @@ def speed_rows(found: dict[str, Any]) -> list[list[str]]:
         )
         least = "" if contest.least is None or side == HALF else f"{contest.least:g}"
         name = contest.algorithm + side.removeprefix(OURS)
-        rows.append([contest.unit, name, *map(number_text, cells), by_processor, least])
+        version = version_text(contest.algorithm, ours["version"])
+        rows.append([contest.unit, name, version, *map(number_text, cells), by_processor, least])
     return rows
 
 
@@ -85,16 +78,23 @@ def final_means(curves: Curves, algorithm: str, side: str) -> tuple[float, float
     return return_, cost
 
 
-def final_rows(curves: Curves) -> list[list[str]]:
-    """Return a row of `FINAL` for each algorithm that was trained."""
+def final_rows(curves: Curves, found: dict[str, int]) -> list[list[str]]:
+    """Return a row of `FINAL` for each algorithm that was trained; `found` are the versions of Thalweg's."""
     names = [contest.algorithm for contest in CONTESTS if (contest.algorithm, OURS) in curves]
     rows = []
     for name in names:
         (theirs, their_cost), (ours, our_cost) = (final_means(curves, name, side) for side in SIDES)
         cells = [f"{theirs:.2f}", f"{ours:.2f}", f"{their_cost:.3f}", f"{our_cost:.3f}"]
         seeds = min(len(curves[name, side]) for side in SIDES)
-        rows.append([name, str(seeds), *cells, contest_named(name).differs])
+        version = version_text(name, found[name])
+        rows.append([name, version, str(seeds), *cells, contest_named(name).differs])
     return rows
+
+
+def version_text(algorithm: str, version: int) -> str:
+    """Return the version of Thalweg's algorithm that was measured, with today's if that is another."""
+    today = versions.ALGORITHMS[algorithm]
+    return str(version) if version == today else f"{version} (today {today})"
 
 
 def work_rows(found: dict[str, Any]) -> list[list[str]]:
@@ -132,15 +132,16 @@ def section() -> str:
         note = wrap(
             f"Medians over {repetitions(found)} in turns, and the median, least and greatest of their ratios. Other "
             f"programs slow down the clock's rates, but hardly those by processor time. {describe(found)}. OmniSafe's "
-            f"side: {peer}. Load of the machine before: {found['load_before']:.1f}. The work of one repetition:"
+            f"side: {peer}. Load of the machine before: {found['load_before']:.1f}. Versions are "
+            f"those of Thalweg's algorithms. The work of one repetition:"
         )
         speeds, work = markdown(frame(SPEEDS, speed_rows(found))), markdown(frame(WORK, work_rows(found)))
         parts.append(f"{speeds}\n{note}\n{work}")
     if CURVES.exists():
-        curves = read(CURVES)
+        final = final_rows(read(CURVES), read_versions(CURVES))
         parts.append(
-            f"{markdown(frame(FINAL, final_rows(curves)))}\nMeans over the last {LAST:.0%} of the steps. With one "
-            "seed, chance has a large effect.\n\n"
+            f"{markdown(frame(FINAL, final))}\nMeans over the last {LAST:.0%} of the steps. With one "
+            "seed, chance has a large effect. Versions are those of Thalweg's algorithms.\n\n"
             "![Returns and falls of both libraries by algorithm](omnisafe/curves.png)\n"
         )
     return "\n".join(parts) or "Not measured yet.\n"

@@ -10,13 +10,15 @@ A file fails its reader by an error that is none of the project's own, by one th
 than a page, by an answer with a number that is not finite, by taking more than ten seconds of processor time, or by
 taking more than two gigabytes. fuzz.csv has a row for each piece; a piece without failures is skipped, one with
 failures is run again, so that a reader that was mended is tried on the same files. Failing files are kept in `--kept`.
-The same piece has the same files on every machine.
+At one commit, a piece has the same files on every machine; another commit may have other samples or mutations. A
+column names the last commit of the code that read a piece, which is not read again when the code changes.
 """
 
 import argparse
 import faulthandler
 import resource
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -137,6 +139,13 @@ def again(name: str, piece: int, number: int) -> None:
             traceback.print_exc()
 
 
+def last_commit() -> str:
+    """Return date and hash of the last commit of the code; `unknown` without its history."""
+    command = ["git", "-C", str(HERE), "log", "-1", "--format=%cs %h"]
+    found = subprocess.run(command, capture_output=True, text=True, check=False)
+    return found.stdout.strip() or "unknown"
+
+
 def _too_slow(number: int, frame: FrameType | None) -> None:
     raise TooSlowError(f"more than {LONGEST_S} s")
 
@@ -153,7 +162,6 @@ def main() -> int:
     parser.add_argument("--kinds", nargs="+", choices=[*KINDS], default=[*KINDS])
     parser.add_argument("--pieces", type=int, help="most pieces of each kind")
     parser.add_argument("--minutes", type=float, help="begin no piece later than so many minutes after the start")
-    parser.add_argument("--files", type=int, default=FILES, help="files of each piece")
     parser.add_argument("--out", type=Path, default=TABLE)
     parser.add_argument("--kept", type=Path, default=HERE.parents[1] / "runs" / "fuzz", help="folder of failing files")
     parser.add_argument("--only", nargs=3, metavar=("KIND", "PIECE", "NUMBER"), help="read one file again")
@@ -163,7 +171,7 @@ def main() -> int:
     if given.only:
         again(given.only[0], int(given.only[1]), int(given.only[2]))
         return 0
-    files = 20 if given.smoke else given.files
+    files = 20 if given.smoke else FILES
     whole = {name: KINDS[name].wanted // FILES for name in given.kinds}
     asked = 1 if given.smoke else given.pieces
     most = whole if asked is None else dict.fromkeys(whole, asked)
@@ -187,7 +195,7 @@ def main() -> int:
             if not given.smoke:
                 counts = {"read": tally.read, "refused": tally.refused, "failed": len(tally.failures)}
                 identity = dict(zip(KEY, (name, piece, files), strict=True))
-                table.add(identity | counts | {"slowest_s": f"{tally.slowest_s:.2f}"})
+                table.add(identity | counts | {"slowest_s": f"{tally.slowest_s:.2f}", "commit": last_commit()})
     return 1 if failed else 0
 
 

@@ -10,8 +10,9 @@ three times, at random moments after its folder was created, and then resumed to
 processor time of the undisturbed run, so that other work on the machine does not move them. At the end all files must
 have the numbers of the undisturbed run, without any time; what was finished at a kill (a policy, an encoder, the
 flights of a trial) must be the same file, not another one with the same content; and no checkpoint may be lost or
-written again, nor an epoch of an encoder lost. kills.csv has a row for each kill; a trial that has its rows is skipped.
-The settings are tiny, and a checkpoint is written after every update.
+written again, nor an epoch of an encoder lost. kills.csv has a row for each kill, with the versions of what its command
+trains; a trial that has its rows, of today's versions and without a fault, is skipped, and the rows of one that is run
+again replace all of its earlier ones. The settings are tiny, and a checkpoint is written after every update.
 """
 
 import argparse
@@ -33,11 +34,15 @@ from random import Random
 
 from pieces import Clock, Pieces
 
+from thalweg.core import versions
 from thalweg.core.parent_process import ending_with_parent
 
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "kills.csv"
-KEY = ("command", "trial", "kill")
+TRIAL = ("command", "trial")
+KEY = (*TRIAL, "kill")
+MADE_WITH = "made_with"
+"""Column of the versions of what a command trains."""
 NO_KILL = "none"
 """In place of the number of a kill, for a command that ended before it."""
 RUN, SUITE = "run", "tiny.yaml"
@@ -86,6 +91,13 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     ),
 }
 """The arguments of each command; its folder is the working one, so that no path differs between trials."""
+MADE_BY = {
+    "train": f"FOCOPS {versions.ALGORITHMS['FOCOPS']}, training {versions.TRAINING}",
+    "bench": f"PPO {versions.ALGORITHMS['PPO']}, training {versions.TRAINING}, evaluation {versions.EVALUATION}",
+    "imitate": f"imitation {versions.IMITATION}",
+    "encoder": f"encoder {versions.ENCODER}",
+}
+"""Today's versions of what each command trains."""
 LASTING = ("policy.safetensors", "encoder.safetensors", "evaluation/*.csv")
 """Files that are written once, when what they hold is finished."""
 CHECKPOINTS = re.compile(r"(^|/)(checkpoints/|checkpoint\.)")
@@ -305,7 +317,8 @@ def trial(name: str, number: int, folder: Path, usual: Undisturbed) -> Iterator[
         nothing: dict[str, object] = {"after_s": "", "finished": 0, "checkpoint": ""}
         rows.append({**dict(zip(KEY, (name, number, NO_KILL), strict=True)), **nothing})
     for row in rows:
-        yield row | {"faults": len(faults), "first": faults[0].replace(",", ";") if faults else ""}
+        told = {"faults": len(faults), "first": faults[0].replace(",", ";") if faults else ""}
+        yield row | told | {MADE_WITH: MADE_BY[name]}
     if not faults:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -323,17 +336,14 @@ def main() -> int:
     if given.child:
         return child(given.child)
     runs, failed = given.runs.resolve(), False
-    table, clock = Pieces(given.out, KEY), Clock(given.minutes)
+    table, clock = Pieces(given.out, TRIAL), Clock(given.minutes)
     for name in ("train",) if given.smoke else given.commands:
         usual, wanted, number = None, 1 if given.smoke else given.kills, 0
         done = 0
         while done < wanted:
-            known = (
-                []
-                if given.smoke
-                else [row for row in table.rows if (row["command"], row["trial"]) == (name, str(number))]
-            )
-            if not known or known[0]["faults"] != "0":
+            today = (name, str(number), MADE_BY[name])
+            known = [row for row in table.rows if tuple(row[each] for each in (*TRIAL, MADE_WITH)) == today]
+            if given.smoke or not known or known[0]["faults"] != "0":
                 if clock.is_over:
                     return 1 if failed else 0
                 usual = usual or undisturbed(name, runs / f"{name}-undisturbed")
@@ -341,8 +351,8 @@ def main() -> int:
                 for row in known:
                     failed |= row["faults"] != 0
                     print(*(f"{key} {value}" for key, value in row.items()), flush=True)
-                    if not given.smoke:
-                        table.add(row)
+                if not given.smoke:
+                    table.replace((name, str(number)), known)
             if known and known[0]["kill"] == NO_KILL:
                 return 1  # it fails by itself, and would in every trial
             done, number = done + len(known), number + 1

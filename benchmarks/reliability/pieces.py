@@ -3,14 +3,14 @@
 A clock says when no other piece may begin, for machines that are there for some hours only.
 """
 
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from filelock import FileLock
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # tables are written as those of other benchmarks
 
-from thalweg.bench.csv_files import csv_text, read_csv
-from thalweg.core.atomic_io import write_atomic
+from tables import Rows, change, rows_of
 
 
 class Pieces:
@@ -19,7 +19,7 @@ class Pieces:
     def __init__(self, path: Path, key: Sequence[str]) -> None:
         """`key` are the columns that identify a piece."""
         self.path, self.key = path, tuple(key)
-        self.rows: list[dict[str, str]] = read_csv(path, self.key) if path.is_file() else []
+        self.rows = rows_of(path, self.key)
 
     def row(self, *identity: object) -> dict[str, str] | None:
         """Return the row of a piece; None if it is not finished."""
@@ -27,13 +27,19 @@ class Pieces:
         return next((row for row in self.rows if self._identity(row) == wanted), None)
 
     def add(self, row: Mapping[str, object]) -> None:
-        """Add the row of a piece, in place of an earlier one of the same piece, and write the table atomically; other
-        commands may add theirs meanwhile."""
-        text = {name: str(value) for name, value in row.items()}
-        with FileLock(self.path.with_name(".lock")):
-            rows = read_csv(self.path, self.key) if self.path.is_file() else []
-            self.rows = [each for each in rows if self._identity(each) != self._identity(text)] + [text]
-            write_atomic(self.path, csv_text(list(text), [list(each.values()) for each in self.rows]))
+        """Add the row of a piece, in place of an earlier one of the same piece, and write the table."""
+        self.replace(tuple(str(row[name]) for name in self.key), [row])
+
+    def replace(self, identity: tuple[str, ...], new: Sequence[Mapping[str, object]]) -> None:
+        """Put rows in place of all that a piece has, and write the table; other commands may add theirs meanwhile."""
+        if not new and not self.rows:
+            return
+        columns = list([*new, *self.rows][0])
+
+        def changed(rows: Rows) -> list[Mapping[str, object]]:
+            return [*(row for row in rows if self._identity(row) != identity), *new]
+
+        self.rows = change(self.path, columns, changed)
 
     def _identity(self, row: Mapping[str, str]) -> tuple[str, ...]:
         return tuple(row[name] for name in self.key)

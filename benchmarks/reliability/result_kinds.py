@@ -7,7 +7,7 @@ from random import Random
 from typing import Any
 
 import numpy as np
-from kind import Kind
+from kind import Kind, check_sound
 from mutations import mutated_json, mutated_table
 
 from tests.bench.versioned import record_current_versions
@@ -49,7 +49,11 @@ def _reported(part: str, mutate: Mutate) -> Kind:
         (folder / part).write_bytes(path.read_bytes())
         results = read_results(folder)
         text = page(results, tables, {section.name: section.table(results) for section in tables}, {}, [])
-        return text, [entry.policy for entry in entries(folder)]
+        shown = text, [entry.policy for entry in entries(folder)]
+        if results.skipped:  # a file that is left out is refused, and what is shown without it must be right too
+            check_sound(shown)
+            raise ResultsError("; ".join(results.skipped))
+        return shown
 
     # Reading all of a folder takes a tenth of a second; the part alone is a kind too, of which the whole has as many
     # files as of others.

@@ -15,26 +15,21 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))  # the generated sections of pages are written as those of other benchmarks
 
 from fuzz_kinds import KINDS  # noqa: E402
-from kills import COMMANDS, NO_KILL  # noqa: E402
-from page_sections import replace_section  # noqa: E402
+from kills import COMMANDS, MADE_BY, NO_KILL  # noqa: E402
+from page_sections import replace_section, wrap  # noqa: E402
 from soak import MADE_WITH, PIECE, versions_of  # noqa: E402
+from tables import of_versions, rows_of  # noqa: E402
 
-from thalweg.bench.csv_files import read_csv  # noqa: E402
 from thalweg.bench.report.table import frame, markdown  # noqa: E402
 from thalweg.core.atomic_io import write_atomic  # noqa: E402
 
 PAGE = HERE / "README.md"
 NOTHING = "Nothing yet.\n"
-FUZZED = ("kind", "piece", "files", "read", "refused", "failed")
+FUZZED = ("kind", "piece", "files", "read", "refused", "failed", "commit")
 SOAKED = {what: (*PIECE, *names, "faults") for what, names in MADE_WITH.items()}
-KILLED = ("command", "trial", "kill", "finished", "faults")
+KILLED = ("command", "trial", "kill", "finished", "faults", "made_with")
 WANTED_STEPS, WANTED_FRAMES, WANTED_KILLS = 100_000_000, 1_000_000, 50
 """Steps, frames, and kills of each command that the whole has; of files, see `Kind.wanted`."""
-
-
-def rows_of(folder: Path, name: str, columns: Sequence[str]) -> list[dict[str, str]]:
-    """Return the rows of a table of a folder; none where it is not there yet."""
-    return read_csv(folder / name, columns) if (folder / name).is_file() else []
 
 
 def fuzzed(rows: Sequence[dict[str, str]]) -> str:
@@ -48,17 +43,22 @@ def fuzzed(rows: Sequence[dict[str, str]]) -> str:
         files, *sums = (sum(int(row[column]) for row in own) for column in ("files", "read", "refused", "failed"))
         so_far = f"{files:,} of {sum(KINDS[name].wanted for name in names):,}"
         lines.append([ending, str(len(names)), so_far, *(f"{each:,}" for each in sums)])
+    if not rows:
+        return NOTHING
     header = ["files", "kinds", "so far", "read", "refused", "failed"]
-    return markdown(frame(header, lines)) if rows else NOTHING
+    dates = sorted({row["commit"].split()[0] for row in rows})
+    made = wrap(
+        f"Read by the code of commits of {dates[0]} to {dates[-1]}. A piece without failures is not read again when "
+        "the code changes."
+    )
+    return f"{markdown(frame(header, lines))}\n{made}"
 
 
 def soaked(steps: Sequence[dict[str, str]], frames: Sequence[dict[str, str]]) -> str:
     """Return the steps and frames so far, of today's versions alone."""
     lines = []
     for what, rows, wanted in (("steps", steps, WANTED_STEPS), ("frames", frames, WANTED_FRAMES)):
-        made_with = versions_of(what).items()
-        current = [row for row in rows if all(row[name] == str(number) for name, number in made_with)]
-        pieces = {row["piece"]: row for row in current}
+        pieces = {row["piece"]: row for row in of_versions(rows, versions_of(what))}
         amount, rivers, faults = (
             sum(int(row[name]) for row in pieces.values()) for name in ("amount", "rivers", "faults")
         )
@@ -67,25 +67,32 @@ def soaked(steps: Sequence[dict[str, str]], frames: Sequence[dict[str, str]]) ->
 
 
 def killed(rows: Sequence[dict[str, str]]) -> str:
-    """Return the kills so far, by command."""
+    """Return the kills so far, by command and by the versions of what it trains; today's come first."""
     lines = []
-    for command in COMMANDS:
-        own = [row for row in rows if row["command"] == command]
+    found = ((row["command"], row["made_with"]) for row in rows)
+    for command, made_with in sorted({*MADE_BY.items(), *found}, key=lambda each: place_of(*each)):
+        own = [row for row in rows if (row["command"], row["made_with"]) == (command, made_with)]
         kills = [row for row in own if row["kill"] != NO_KILL]
         trials = {row["trial"]: row for row in own}
         faulty = sum(row["faults"] != "0" for row in trials.values())
         after = sum(row["finished"] != "0" for row in kills)
-        lines.append([f"`{command}`", f"{len(kills)} of {WANTED_KILLS}", str(after), str(len(trials)), str(faulty)])
-    header = ["command", "kills", "after something was finished", "trials", "trials with faults"]
+        counts = f"{len(kills)} of {WANTED_KILLS}", str(after), str(len(trials)), str(faulty)
+        lines.append([f"`{command}`", made_with, *counts])
+    header = ["command", "trains", "kills", "after something was finished", "trials", "trials with faults"]
     return markdown(frame(header, lines)) if rows else NOTHING
+
+
+def place_of(command: str, made_with: str) -> tuple[int, bool, str]:
+    """Return the place of a line among the kills."""
+    return list(COMMANDS).index(command), made_with != MADE_BY[command], made_with
 
 
 def written_page(page: str, folder: Path = HERE) -> str:
     """Return the page with what the tables of a folder have today."""
-    page = replace_section(page, "fuzzed", fuzzed(rows_of(folder, "fuzz.csv", FUZZED)))
-    both = (rows_of(folder, f"soak_{what}.csv", columns) for what, columns in SOAKED.items())
+    page = replace_section(page, "fuzzed", fuzzed(rows_of(folder / "fuzz.csv", FUZZED)))
+    both = (rows_of(folder / f"soak_{what}.csv", columns) for what, columns in SOAKED.items())
     page = replace_section(page, "soaked", soaked(*both))
-    return replace_section(page, "killed", killed(rows_of(folder, "kills.csv", KILLED)))
+    return replace_section(page, "killed", killed(rows_of(folder / "kills.csv", KILLED)))
 
 
 def main() -> int:

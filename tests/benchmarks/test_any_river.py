@@ -196,6 +196,24 @@ def test_the_table_has_means_and_intervals_over_seeds(script: ModuleType):
     assert "| rgb+mask | real | Cherwell | 1 | 7.00 | 0.0% [0.0, 65.8] |" in lines
 
 
+def test_a_cell_that_two_commands_flew_is_one_seed_with_its_last_row(script: ModuleType):
+    cell = script.Cell("rgb+mask", 9, 0, "unseen", "Easy", 2)
+    rows = [script.row_of(cell, [episode(returned, 0.0, "Success")] * 2) for returned in (9.0, 7.0)]
+    assert script.cells_of(rows, "rgb+mask", "unseen", "Easy") == rows[1:]
+
+
+@pytest.mark.parametrize(
+    "ignored", [["--seeds", "1"], ["--observations", "rgb"], ["--steps", "9"], ["--device", "cuda"], ["--runs", "b"]]
+)
+def test_options_of_students_are_refused_beside_a_policy(
+    script: ModuleType, ignored: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(sys, "argv", ["any_river.py", "--policy", "none", *ignored])
+    with pytest.raises(SystemExit, match="2"):
+        script.main()
+    assert f"--policy trains no students; leave out {ignored[0]}\n" in capsys.readouterr().err
+
+
 def test_equal_shares_of_seeds_are_as_uncertain_as_their_flights(script: ModuleType):
     rows = [
         script.row_of(script.Cell("rgb", 9, seed, "fixed", "Hard", 2), [episode(9.0, 0.0, "Success")] * 2)
@@ -219,7 +237,7 @@ def test_the_table_of_the_packaged_policies_has_seed_0_of_todays_versions(script
 
 
 def test_the_pages_have_the_committed_tables(script: ModuleType):
-    rows = script.read_csv(script.TABLE, script.COLUMNS)
+    rows = script.rows_of(script.TABLE, script.COLUMNS)
     for (page, section), table in script.SECTIONS.items():
         text = page.read_text(encoding="utf-8")
         assert script.replace_section(text, section, f"{table(rows)}\n") == text

@@ -50,11 +50,11 @@ def test_only_rivers_that_are_missing_are_run(script: ModuleType, tmp_path: Path
         monkeypatch.setattr(sys, "argv", ["boat_pilot.py", "--levels", "Easy", "--seeds", *seeds, "--out", out])
         script.main()
     assert built == [3000, 3001, 3002]
-    rows = script.read_csv(Path(out), script.COLUMNS)
+    rows = script.rows_of(Path(out), script.COLUMNS)
     assert [row["seed"] for row in rows] == ["3000", "3001", "3002"]
     lines = Path(out).read_text().splitlines()
     lines = [f"{line.rpartition(',')[0]},0" if ",3001," in line else line for line in lines]
     Path(out).write_text("\n".join(lines) + "\n")  # a boat of an earlier version
     script.main()
-    assert built == [3000, 3001, 3002, 3001] and len(script.read_csv(Path(out), script.COLUMNS)) == 3
+    assert built == [3000, 3001, 3002, 3001] and len(script.rows_of(Path(out), script.COLUMNS)) == 3
     assert all(float(row["tight"]) == 0.0 and row["reason"] == "Success" for row in rows), rows

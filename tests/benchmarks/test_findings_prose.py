@@ -3,6 +3,7 @@
 Where new results make one of these fail, the prose of the page needs revision.
 """
 
+import importlib
 from itertools import combinations, product
 from pathlib import Path
 from types import ModuleType
@@ -17,7 +18,7 @@ from thalweg.bench.evaluate.episodes import Episode
 from thalweg.bench.report.comparison_tables import return_change
 from thalweg.bench.report.policies import limit_met, trained_policies
 from thalweg.bench.results.comparison import matched_scores, mean_difference, probability_of_improvement
-from thalweg.bench.results.inference import Estimate, mean_estimate
+from thalweg.bench.results.inference import Estimate, mean_estimate, score_matrix
 from thalweg.bench.results.reading import read_results
 from thalweg.bench.results.results import Results
 from thalweg.bench.results.statistics import group_episodes
@@ -101,6 +102,19 @@ def test_which_policies_differ_significantly_from_ppo(study: Results):
         assert difference(study, "PPO", "OnCRPO", field, "Hard").low > 0
     for level in ("Easy", "Medium", "Hard"):
         assert difference(study, "FOCOPS-paper", "PPO-paper", "return_", level).low > 0
+
+
+def test_one_seed_of_saclag_learns_to_fly(study: Results, findings: ModuleType):
+    """By the bar of the page, which is that of the findings at its top."""
+    least = importlib.import_module("study_flights").FLIES
+    returns = sorted(score_matrix(flown(study, "SACLag")).mean(axis=0), reverse=True)
+    page = " ".join((BENCHMARKS.parent / "docs" / "findings.md").read_text(encoding="utf-8").split())
+    first, *others = (f"{each:.2f}" for each in returns)
+    assert [each >= least for each in returns] == [True, False, False]
+    assert (
+        f"one of SACLag's three seeds learns to fly and returns {first}; the others return {' and '.join(others)}"
+        in page
+    )
 
 
 def test_what_is_lost_under_other_conditions(study: Results):

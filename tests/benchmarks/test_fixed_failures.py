@@ -134,7 +134,7 @@ def test_a_page_of_too_many_students_is_refused(
     out = tmp_path / "failures.csv"
     monkeypatch.setattr(script, "PAGE", tmp_path / "page.md")
     rows = [rows_of(script)[-1] | {"student": name} for name in "abcd"]
-    script.write_atomic(out, script.csv_text(script.COLUMNS, ([row[name] for name in script.COLUMNS] for row in rows)))
+    script.put(out, script.COLUMNS, rows, ("student",))
     with pytest.raises(SystemExit):
         script.main(["--write", "--out", str(out)])
     assert "holds 4 students, but the page has room for 3" in capsys.readouterr().err
@@ -142,5 +142,5 @@ def test_a_page_of_too_many_students_is_refused(
 
 def test_the_page_shows_the_committed_table(script: ModuleType):
     page = script.PAGE.read_text(encoding="utf-8")
-    rows = script.current(script.read_csv(script.TABLE, script.COLUMNS))
+    rows = script.of_versions(script.read_csv(script.TABLE, script.COLUMNS), script.VERSIONS)
     assert rows and script.replace_section(page, script.SECTION, script.table(rows)) == page

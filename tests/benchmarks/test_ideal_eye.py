@@ -144,12 +144,29 @@ def test_rows_from_before_deadlines_stand_in_for_those_of_today_and_say_so(scrip
     assert plain.config == script.settings_hash(plain.resolved)
 
 
-@pytest.mark.parametrize("wrong", [["--only", "PPOlag"], ["--set", "entropy=0.01"], ["--steps", "50"]])
+def test_a_trial_that_two_commands_ran_is_one_seed_with_its_last_row(script: ModuleType):
+    key = dict(zip(script.KEY, script.Trial("PPO", {}, 1000, 0).key, strict=True))
+    rows = [key | {"medium_return": returned} for returned in ("9.00", "7.00")]
+    assert script.shown_rows(rows) == rows[1:]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (["--only", "PPOlag"], "argument --only: invalid choice: 'PPOlag'"),
+        (["--set", "entropy=0.01"], "--set and --steps are of one trial: name its algorithm by --algorithm"),
+        (["--steps", "50"], "--set and --steps are of one trial: name its algorithm by --algorithm"),
+        (["--algorithm", "CUP", "--only", "PPO"], "--only is for the table's trials; leave it out beside --algorithm"),
+        (["--write", "--out", "a.csv"], "--write and --check are for the table of this folder; leave --out out"),
+        (["--check", "--out", "a.csv"], "--write and --check are for the table of this folder; leave --out out"),
+    ],
+)
 def test_options_that_would_be_ignored_are_refused(
-    script: ModuleType, wrong: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+    script: ModuleType, wrong: list[str], told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 ):
     monkeypatch.setattr(sys, "argv", ["ideal_eye.py", *wrong])
     monkeypatch.setattr(script, "measure", None)
+    monkeypatch.setattr(script, "written_pages", dict)
     with pytest.raises(SystemExit, match="2"):
         script.main()
-    assert "--only" in capsys.readouterr().err or wrong[0] in ("--set", "--steps")
+    assert told in capsys.readouterr().err

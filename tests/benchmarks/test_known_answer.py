@@ -46,9 +46,15 @@ def rows(script: ModuleType, monkeypatch: pytest.MonkeyPatch, *shares: float) ->
     return found
 
 
+def write(script: ModuleType, path: Path, written: dict) -> None:
+    """Write rows into a table one by one, as their runs end."""
+    for row in written.values():
+        script.put(path, row)
+
+
 def test_written_rows_are_read_back_by_their_keys(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     written = rows(script, monkeypatch, 0.95, 0.85)
-    script.write(tmp_path / "table.csv", written)
+    write(script, tmp_path / "table.csv", written)
     assert script.finished(tmp_path / "table.csv") == written
     assert script.finished(tmp_path / "none.csv") == {}
 
@@ -59,14 +65,14 @@ def test_a_row_names_the_versions_of_its_algorithm_and_of_training(
     monkeypatch.setitem(versions.ALGORITHMS, "CPO", 7)
     monkeypatch.setattr(versions, "TRAINING", 4)
     written = rows(script, monkeypatch, 0.95) | {script.key(CELL, 1): script.failure(CELL, 1, ValueError("broken"))}
-    script.write(tmp_path / "table.csv", written)
+    write(script, tmp_path / "table.csv", written)
     found = script.finished(tmp_path / "table.csv").values()
     assert [(row["algorithm_version"], row["training_version"]) for row in found] == [("7", "4")] * 2
 
 
 def test_rows_of_an_older_version_stay(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     written = rows(script, monkeypatch, 0.95)
-    script.write(tmp_path / "table.csv", written)
+    write(script, tmp_path / "table.csv", written)
     monkeypatch.setitem(versions.ALGORITHMS, "CPO", 7)
     assert script.finished(tmp_path / "table.csv") == written
 
@@ -80,7 +86,7 @@ def test_keys_differ_by_seed_settings_and_problem(script: ModuleType):
 
 def test_rows_of_other_defaults_are_dropped(script: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     written = rows(script, monkeypatch, 0.95)
-    script.write(tmp_path / "table.csv", written)
+    write(script, tmp_path / "table.csv", written)
     entry = ALGORITHMS["CPO"]
 
     @frozen_config(AlgorithmError)
@@ -96,7 +102,7 @@ def test_a_run_that_failed_is_a_row_and_does_not_count_as_finished(
 ):
     written = rows(script, monkeypatch, 0.95, 0.95)
     written[script.key(CELL, 1)] = script.failure(CELL, 1, ValueError("seed 1 is broken"))
-    script.write(tmp_path / "table.csv", written)
+    write(script, tmp_path / "table.csv", written)
     found = script.finished(tmp_path / "table.csv")
     assert found[script.key(CELL, 1)]["error"] == "ValueError: seed 1 is broken"
     assert list(script.remaining([(CELL, 0), (CELL, 1), (CELL, 2)], found)) == [(CELL, 1), (CELL, 2)]

@@ -20,14 +20,15 @@ from benchmarks.omnisafe.contests import (
     merged,
 )
 from thalweg.algos.registry import ALGORITHMS
+from thalweg.core import versions
 
-CURVES = """algorithm,side,seed,step,return,cost,episodes
-PPO,OmniSafe,0,50,1.0,0.5,4
-PPO,OmniSafe,0,90,2.0,0.0,1
-PPO,OmniSafe,0,100,4.0,0.2,3
-PPO,OmniSafe,1,50,3.0,0.1,4
-PPO,OmniSafe,1,100,8.0,0.6,1
-PPO,Thalweg,0,100,5.0,0.1,2
+CURVES = f"""algorithm,side,version,seed,step,return,cost,episodes
+PPO,OmniSafe,,0,50,1.0,0.5,4
+PPO,OmniSafe,,0,90,2.0,0.0,1
+PPO,OmniSafe,,0,100,4.0,0.2,3
+PPO,OmniSafe,,1,50,3.0,0.1,4
+PPO,OmniSafe,,1,100,8.0,0.6,1
+PPO,Thalweg,{versions.ALGORITHMS["PPO"]},0,100,5.0,0.1,2
 """
 
 
@@ -45,6 +46,7 @@ def speeds() -> dict:
         {"algorithm": name, "side": side, "unit": contest_named(name).unit, "rates": each, "threads": 1, "steps": 20000}
         | {"by_processor": [rate * (2 if side == OURS else 1) for rate in each] if name == "PPO" else []}
         | {"gradient_steps": {"actor_optimizer": 12520}, "environment_s": 1.0}
+        | ({"version": versions.ALGORITHMS[name]} if side == OURS else {})
         for name, both in rates.items()
         for side, each in zip(compare.SIDES, both, strict=True)
     ]
@@ -231,9 +233,38 @@ def test_the_error_of_a_failed_side_has_its_last_output(tmp_path: Path):
 
 def test_a_row_of_speed_has_medians_and_the_ratios_of_each_repetition():
     assert write.speed_rows(speeds()) == [
-        ["steps", "PPO", "100", "1,000", "9.00", "5.00", "12.0", "18.0", ""],
-        ["decisions", "SafeLOOP", "4.00", "15.0", "3.00", "3.00", "4.00", "", "3"],
+        ["steps", "PPO", str(versions.ALGORITHMS["PPO"]), "100", "1,000", "9.00", "5.00", "12.0", "18.0", ""],
+        [
+            "decisions",
+            "SafeLOOP",
+            str(versions.ALGORITHMS["SafeLOOP"]),
+            "4.00",
+            "15.0",
+            "3.00",
+            "3.00",
+            "4.00",
+            "",
+            "3",
+        ],
     ]
+
+
+def test_a_row_of_another_version_names_todays(curves: Path):
+    found = speeds()
+    found["lines"][1]["version"] = 2
+    today = versions.ALGORITHMS["PPO"]
+    assert write.speed_rows(found)[0][2] == f"2 (today {today})"
+    curves.write_text(CURVES.replace(f"Thalweg,{today},", "Thalweg,2,"))
+    assert write.final_rows(plot.read(curves), plot.read_versions(curves))[0][1] == f"2 (today {today})"
+
+
+def test_new_rows_have_the_version_of_our_algorithm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(compare, "CURVES", tmp_path / "curves.csv")
+    monkeypatch.setattr(compare, "FIGURE", tmp_path / "curves.png")
+    monkeypatch.setattr(compare, "cached_answer", lambda *_: {"episodes": [[1, 2.0, 0.0, 1]]})
+    compare.draw_curves(Path("python"), [contest_named("PPO")], seeds=1)
+    found = [row.split(",")[1:3] for row in compare.CURVES.read_text().splitlines()[1:]]
+    assert found == [[PEER, ""], [OURS, str(versions.ALGORITHMS["PPO"])]]
 
 
 def test_algorithms_that_were_measured_less_often_are_named():
@@ -248,8 +279,17 @@ def test_final_means_are_over_the_last_episodes_of_all_seeds(curves: Path):
     read = plot.read(curves)
     # (2 x 1 + 4 x 3 + 8 x 1) / 5 and (0 + 0.2 x 3 + 0.6) / 5: what ended after step 80.
     assert write.final_means(read, "PPO", PEER) == (pytest.approx(4.4), pytest.approx(0.24))
-    row = write.final_rows(read)[0]
-    assert row == ["PPO", "1", "4.40", "5.00", "0.240", "0.100", contest_named("PPO").differs]
+    row = write.final_rows(read, plot.read_versions(curves))[0]
+    assert row == [
+        "PPO",
+        str(versions.ALGORITHMS["PPO"]),
+        "1",
+        "4.40",
+        "5.00",
+        "0.240",
+        "0.100",
+        contest_named("PPO").differs,
+    ]
 
 
 def test_a_band_has_the_steps_that_all_seeds_have(curves: Path):
@@ -268,7 +308,8 @@ def test_the_section_is_written_between_its_comments_and_writing_again_changes_n
     first = page.read_text()
     assert first.startswith("before\n<!-- omnisafe -->\n") and first.endswith("<!-- /omnisafe -->\nafter\n")
     assert (
-        "| steps | PPO | 100 | 1,000 | 9.00 | 5.00 | 12.0 | 18.0 |  |" in first and "| PPO | 1 | 4.40 | 5.00 |" in first
+        f"| steps | PPO | {versions.ALGORITHMS['PPO']} | 100 | 1,000 | 9.00 | 5.00 | 12.0 | 18.0 |  |" in first
+        and f"| PPO | {versions.ALGORITHMS['PPO']} | 1 | 4.40 | 5.00 |" in first
     )
     assert "| PPO | 20,000 | 12,520 actor | 20,000 |" in first
     assert write.main(["--check"]) == 0

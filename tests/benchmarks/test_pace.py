@@ -54,19 +54,19 @@ def test_a_curve_has_a_point_every_4096_steps_and_a_last_one(pace: ModuleType):
 def test_a_repeated_run_replaces_the_previous_one(pace: ModuleType, tmp_path: Path):
     path = tmp_path / "pace.csv"
     for name, returns in (("SACLag", 1), ("PPO", 2), ("SACLag", 3)):
-        pace.replace_rows(path, pace.COLUMNS, name, [pace.row_of(name, "fast", metrics(returns))])
+        pace.replace_rows(path, pace.COLUMNS, [pace.row_of(name, "fast", metrics(returns))])
     rows = list(csv.DictReader(path.open()))
     assert [(row["algorithm"], row["return_mean_50"]) for row in rows] == [("PPO", "2.000"), ("SACLag", "3.000")]
 
 
 def test_the_table_has_minutes_and_shares(pace: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(pace, "TABLE", tmp_path / "pace.csv")
-    pace.replace_rows(pace.TABLE, pace.COLUMNS, "PPO", [pace.row_of("PPO", "fast", metrics())])
+    pace.replace_rows(pace.TABLE, pace.COLUMNS, [pace.row_of("PPO", "fast", metrics())])
     version = versions.ALGORITHMS["PPO"]
     seen = "the privileged state and progress too"
     assert f"| PPO | {seen} | {version} | 0.3 | 1,024 | 5% | 50% | 25% | 15% | 5% | 9.00 | 0.25 |" in pace.table()
     assert pace.table().endswith("\nProcessor: fast.\n")
-    pace.replace_rows(pace.TABLE, pace.COLUMNS, "PPO", [pace.row_of("PPO", "fast", metrics()) | {"version": "0"}])
+    pace.replace_rows(pace.TABLE, pace.COLUMNS, [pace.row_of("PPO", "fast", metrics()) | {"version": "0"}])
     assert "| PPO | unknown | 0 |" in pace.table()
 
 
@@ -85,10 +85,32 @@ def test_a_finished_run_of_another_version_gives_no_row(
 def test_an_algorithm_of_another_version_has_no_row(pace: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(pace, "TABLE", tmp_path / "pace.csv")
     row = pace.row_of("PPO", "fast", metrics())
-    pace.replace_rows(pace.TABLE, pace.COLUMNS, "PPO", [row])
+    pace.replace_rows(pace.TABLE, pace.COLUMNS, [row])
     assert pace.has_row("PPO") and not pace.has_row("CPO")
-    pace.replace_rows(pace.TABLE, pace.COLUMNS, "PPO", [row | {"version": "0"}])
+    pace.replace_rows(pace.TABLE, pace.COLUMNS, [row | {"version": "0"}])
     assert not pace.has_row("PPO")
+
+
+@pytest.mark.parametrize("changed", ["TRAINING", "WORLD", "RENDER", "RULES", "PACKAGED_ENCODER"])
+def test_a_row_of_another_river_or_training_is_not_todays(
+    changed: str, pace: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(pace, "TABLE", tmp_path / "pace.csv")
+    pace.replace_rows(pace.TABLE, pace.COLUMNS, [pace.row_of("PPO", "fast", metrics())])
+    monkeypatch.setattr(versions, changed, 99)
+    assert not pace.has_row("PPO")
+
+
+def test_a_finished_run_of_another_training_gives_no_row(
+    pace: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(pace, "load_compatible_encoder", lambda _: None)
+    monkeypatch.setattr(pace.RiverTraining, "train", lambda *_, **__: None)
+    monkeypatch.setattr(
+        pace, "read_config", lambda _: {"made_with": {"PPO": versions.ALGORITHMS["PPO"], "training": 0}}
+    )
+    with pytest.raises(SystemExit, match="holds a run of training 0, not 1: remove it"):
+        pace.measure("PPO", tmp_path / "run")
 
 
 def test_the_curve_is_drawn_as_a_png(pace: ModuleType, tmp_path: Path):

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from thalweg.bench.csv_files import csv_text
+
 
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
@@ -90,9 +92,9 @@ def test_the_page_shows_one_pair_of_todays_versions(
     other = [row | {"students": "a c"} for row in rows]
     old = [row | {"students": "a c", "imitation": "1"} for row in rows]
     for written, shown in ((rows + old, "| Hard | the first student | 2 | 1 | 2 |"), (old, "Nothing was measured")):
-        out.write_text(script.csv_text(script.COLUMNS, ([row[name] for name in script.COLUMNS] for row in written)))
+        out.write_text(csv_text(script.COLUMNS, ([row[name] for name in script.COLUMNS] for row in written)))
         assert script.main(["--write", "--out", str(out)]) == 0 and shown in page.read_text()
-    out.write_text(script.csv_text(script.COLUMNS, ([row[name] for name in script.COLUMNS] for row in rows + other)))
+    out.write_text(csv_text(script.COLUMNS, ([row[name] for name in script.COLUMNS] for row in rows + other)))
     with pytest.raises(SystemExit):
         script.main(["--write", "--out", str(out)])
     assert "several pairs of students or numbers of flights: a b, 300 flights; a c, 300" in capsys.readouterr().err
@@ -157,7 +159,7 @@ def test_what_was_flown_is_not_flown_again(script: ModuleType, tmp_path: Path, m
     assert script.main([*arguments, "--policies", "first"]) == 0
     assert script.main([*arguments, "--policies", "first", "mean"]) == 0
     assert flown == [("first", "Hard"), ("mean", "Hard")]
-    rows = script.read_csv(out, script.COLUMNS)
+    rows = script.rows_of(out, script.COLUMNS)
     assert [(row["policy"], row["world_seed"], row["reason"]) for row in rows] == [
         ("first", "2", "YawOverDeviation"), ("first", "", ""), ("mean", "2", "YawOverDeviation"), ("mean", "", "")
     ]  # fmt: skip

@@ -246,7 +246,7 @@ def test_the_difference_of_a_row_is_negative_where_the_shield_helps(page: Module
 
 
 def test_the_page_has_the_committed_tables(script: ModuleType, arms: ModuleType):
-    rows = script.read_csv(script.TABLE, script.COLUMNS)
+    rows = script.rows_of(script.TABLE, script.COLUMNS)
     text, tables = script.PAGE.read_text(encoding="utf-8"), script.page_tables(rows, arms.names_of(arms.ARMS))
     assert script.replace_section(text, script.SECTION, f"{tables}\n") == text
 

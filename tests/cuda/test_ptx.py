@@ -11,6 +11,7 @@ if "CI" not in os.environ:  # `make test-slow` installs it; there its absence is
 from numba import cuda, float32, types
 
 from benchmarks import registers
+from thalweg.bench.csv_files import read_csv
 
 DOUBLE = {
     *("place_cameras", "advance", "advance_boats", "advance_pushed", "advance_pushed_boats", "see", "see_boats"),
@@ -41,6 +42,11 @@ def test_a_kernel_needs_no_local_memory_and_no_double_precision(name: str):
     occupancy = registers.occupancy(found["registers"], variant.threads)
     assert occupancy >= (HULL_OCCUPANCY if hull else LEAST_OCCUPANCY)
     assert in_single_precision(ptx) == (name not in DOUBLE)
+
+
+def test_the_table_has_every_kernel_in_its_place():
+    rows = read_csv(registers.TABLE, registers.COLUMNS)
+    assert [row["kernel"] for row in rows] == list(registers.variants())
 
 
 def test_spills_and_double_precision_are_detected():

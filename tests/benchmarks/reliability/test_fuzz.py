@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -83,6 +83,24 @@ def test_an_error_must_name_the_file(message: str, result: str, fuzz: ModuleType
     assert fuzz.outcome(kind, tmp_path / "runs.csv")[0] == result
 
 
+@pytest.mark.parametrize("name", ["report: runs", "report: versions", "report: flights", "report: curve"])
+def test_a_file_that_a_report_leaves_out_is_refused(name: str, fuzz: ModuleType, tmp_path: Path):
+    kind = fuzz.KINDS[name]
+    kind.samples(tmp_path)
+    (tmp_path / kind.file).write_bytes(b"\xff")
+    result, why = fuzz.outcome(kind, tmp_path / kind.file)
+    assert (result, kind.file in why) == ("refused", True), why
+
+
+def test_a_row_names_the_commit_of_the_code(fuzz: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(fuzz, "fuzz", lambda *given: fuzz.Tally(read=given[2]))
+    monkeypatch.setattr(fuzz, "bound_memory", lambda: None)
+    monkeypatch.setattr(fuzz.subprocess, "run", lambda *_, **__: SimpleNamespace(stdout="2026-11-30 abc\n"))
+    table = tmp_path / "fuzz.csv"
+    monkeypatch.setattr("sys.argv", ["fuzz.py", "--kinds", "runs", "--pieces", "1", "--out", str(table)])
+    assert fuzz.main() == 0 and table.read_text().endswith(",2026-11-30 abc\n")
+
+
 def test_a_finished_piece_is_skipped_and_one_with_failures_is_run_again(
     fuzz: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -103,8 +121,8 @@ def test_a_finished_piece_is_skipped_and_one_with_failures_is_run_again(
     assert fuzz.main() == 0
     assert fuzzed == ["runs", "episodes", "runs"]
     lines = (tmp_path / "fuzz.csv").read_text().splitlines()
-    assert lines[0] == "kind,piece,files,read,refused,failed,slowest_s"
-    rows = sorted(line.rpartition(",")[0] for line in lines[1:])
+    assert lines[0] == "kind,piece,files,read,refused,failed,slowest_s,commit"
+    rows = sorted(line.rsplit(",", 2)[0] for line in lines[1:])
     assert rows == ["episodes,0,1000,1000,0,0", "runs,0,1000,1000,0,0"]
 
 

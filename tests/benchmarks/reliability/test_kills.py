@@ -9,7 +9,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from thalweg.bench.csv_files import read_csv
+from thalweg.bench.csv_files import csv_text, read_csv
 
 PROGRAM = """
 import sys, time
@@ -146,7 +146,8 @@ def test_finished_trials_are_skipped(kills: ModuleType, tmp_path: Path, monkeypa
     def trial(name: str, number: int, folder: Path, usual: object):
         tried.append(number)
         identity = dict(zip(kills.KEY, (name, number, 0), strict=True))
-        yield identity | {"after_s": "1.0", "finished": 0, "checkpoint": "", "faults": 0, "first": ""}
+        left = {"after_s": "1.0", "finished": 0, "checkpoint": "", "faults": 0, "first": ""}
+        yield identity | left | {"made_with": kills.MADE_BY[name]}
 
     monkeypatch.setattr(kills, "trial", trial)
     monkeypatch.setattr(kills, "undisturbed", lambda name, folder: None)
@@ -156,6 +157,36 @@ def test_finished_trials_are_skipped(kills: ModuleType, tmp_path: Path, monkeypa
     monkeypatch.setattr("sys.argv", [*command[:4], "3", *command[5:]])
     assert kills.main() == 0
     assert tried == [0, 1, 2]
+
+
+def rows_of_trial(kills: ModuleType, *numbers: object, made_with: str | None = None, faults: int = 0) -> list[dict]:
+    """Rows of the first trial of `bench`, a row for each kill."""
+    left = {"after_s": "1.0", "finished": 0, "checkpoint": "", "faults": faults, "first": ""}
+    rows = [dict(zip(kills.KEY, ("bench", 0, number), strict=True)) | left for number in numbers]
+    return [row | {"made_with": made_with or kills.MADE_BY["bench"]} for row in rows]
+
+
+def run_again(kills: ModuleType, monkeypatch: pytest.MonkeyPatch, table: Path, *before: dict) -> list[dict[str, str]]:
+    """Run the first trial of `bench`, killed once, where a table has these rows; returns those it has then."""
+    table.write_text(csv_text(list(before[0]), ([*row.values()] for row in before)))
+    monkeypatch.setattr(kills, "trial", lambda *_: rows_of_trial(kills, 0))
+    monkeypatch.setattr(kills, "undisturbed", lambda name, folder: None)
+    monkeypatch.setattr("sys.argv", ["kills.py", "--commands", "bench", "--kills", "1", "--out", str(table)])
+    assert kills.main() == 0
+    return read_csv(table, kills.KEY)
+
+
+def test_a_trial_that_is_run_again_replaces_all_of_its_rows(
+    kills: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    failed = rows_of_trial(kills, 0, 1, faults=2)
+    (row,) = run_again(kills, monkeypatch, tmp_path / "kills.csv", *failed)
+    assert (row["kill"], row["faults"]) == ("0", "0")
+
+
+def test_a_trial_of_other_versions_is_run_again(kills: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (row,) = run_again(kills, monkeypatch, tmp_path / "kills.csv", *rows_of_trial(kills, 0, made_with="PPO 0"))
+    assert row["made_with"] == kills.MADE_BY["bench"]
 
 
 def test_a_command_that_fails_before_it_is_killed_is_a_row_and_no_other_trial_begins(

@@ -82,7 +82,7 @@ def check_seconds(**times: Any) -> None:
     """Raise `TrainingError` for a time in seconds that is not a finite number of at least 0."""
     for name, seconds in times.items():
         is_number = isinstance(seconds, numbers.Real) and not isinstance(seconds, bool)
-        if not (is_number and 0.0 <= seconds < math.inf):
+        if not (is_number and 0.0 <= float(seconds) < math.inf):
             raise TrainingError(f"{name} must be a finite number of at least 0, got {seconds!r:.60}")
 
 

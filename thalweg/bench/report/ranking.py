@@ -140,10 +140,10 @@ def ranking(results: Results) -> Ranking:
             missing.append(f"{name} {results.gap(name)}")
             continue
         limit = (COST_LIMIT if paper else limit_of(results, name)) if name in trained else None
-        figures = [mean_estimate(episodes, each, bounds_of(results.suite, each, episodes)) for each in FIGURES]
+        returns, cost = (mean_estimate(episodes, each, bounds_of(results.suite, each, episodes)) for each in FIGURES)
         completed = float(np.mean([row.success for row in episodes]))
         about = "" if name in trained else IN_WORDS.get(name.partition(" (")[0], OTHER)
-        rows.append(Ranked(name, 0, *figures, completed, limit, about))
+        rows.append(Ranked(name, 0, returns, cost, completed, limit, about))
     ranked = sorted((row for row in rows if not row.about), key=_rank)
     limits = {row.limit for row in ranked}
     return Ranking(

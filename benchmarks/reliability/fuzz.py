@@ -176,6 +176,7 @@ def main() -> int:
     asked = 1 if given.smoke else given.pieces
     most = whole if asked is None else dict.fromkeys(whole, asked)
     table, clock, failed = Pieces(given.out, KEY), Clock(given.minutes), 0
+    commit = last_commit()  # of the code that this process has loaded
     for piece in range(max(most.values())):
         for name in given.kinds:
             if piece >= most[name]:
@@ -195,7 +196,7 @@ def main() -> int:
             if not given.smoke:
                 counts = {"read": tally.read, "refused": tally.refused, "failed": len(tally.failures)}
                 identity = dict(zip(KEY, (name, piece, files), strict=True))
-                table.add(identity | counts | {"slowest_s": f"{tally.slowest_s:.2f}", "commit": last_commit()})
+                table.add(identity | counts | {"slowest_s": f"{tally.slowest_s:.2f}", "commit": commit})
     return 1 if failed else 0
 
 

@@ -46,10 +46,10 @@ def fuzzed(rows: Sequence[dict[str, str]]) -> str:
     if not rows:
         return NOTHING
     header = ["files", "kinds", "so far", "read", "refused", "failed"]
-    dates = sorted({row["commit"].split()[0] for row in rows})
+    dates = sorted({row["commit"].split()[0] for row in rows} - {"unknown"})
+    span = " to ".join(dict.fromkeys((dates[0], dates[-1]))) if dates else "an unknown date"
     made = wrap(
-        f"Read by the code of commits of {dates[0]} to {dates[-1]}. A piece without failures is not read again when "
-        "the code changes."
+        f"Read by the code of commits of {span}. A piece without failures is not read again when the code changes."
     )
     return f"{markdown(frame(header, lines))}\n{made}"
 

@@ -61,7 +61,9 @@ def recording(
     Raises the errors of `check_recording` and `draft_of`, and `DatasetError` if no flight was added.
     """
     check_recording(path, form, video=video)
-    told = {"format": form, "video": video, "about": asdict(about), "options": dict(options), "files": dict(files)}
+    # A draft from before `moves` was recorded has -1 for fast steps, and for options that do nothing.
+    how = {"format": form, "video": video, "moves": "plain steps"}
+    told = {**how, "about": asdict(about), "options": dict(options), "files": dict(files)}
     with draft_of(path, told) as draft:
         writer = LeRobotWriter(draft, about, video=video) if form == "lerobot" else MinariWriter(draft, about)
         yield writer

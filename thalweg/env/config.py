@@ -150,8 +150,7 @@ class EnvConfig:
     `privileged`: a tuple of their names, or a text such as "rgb,depth"."""
     action: ActionSpace = "multidiscrete"
     """Action: `multidiscrete` is four branches of 0, 1, 2; `continuous` is four numbers in -1..1, +1 = up, turn left,
-    forward, left. In `Swimmers` and `RacingLine` the number forward is a share of the fast step of 2 m, so that +0.5 is
-    the plain step of 1 m, and a negative one is no move."""
+    forward, left. In a task with a fast step, the number forward is a share of that, and a negative one is no move."""
     reward_scheme: RewardScheme = "paper"
     """`paper`: the reward is 10 times the share of newly visited segments and the loose cost is 0.2; `package`: the
     reward is 1 for a step that visits any new segment and the loose cost is 0.5."""

@@ -27,7 +27,8 @@ NARROW = 2.7
 def front_figure(results: Results) -> Figure | None:
     """Draw mean cost and mean return of each trained policy, and the oracle's front; None for the paper's task.
 
-    The front is today's: outdated runs are drawn only where no policy is current, without it.
+    The front is today's, so outdated runs are not drawn beside it. They are drawn where there is no front: where no
+    policy is current, or under rules that the oracle does not know.
     """
     groups, level = group_episodes(results.episodes), train_level(results)
     names = [name for name in trained_policies(results) if (name, level) in groups]

@@ -110,9 +110,9 @@ def prepare(folder: Path, run: Run, trials: Iterable[Trial], current: Versions, 
     """Make a results folder ready for a run with the current versions; returns what is done again.
 
     Files of the run with other versions are set aside: its evaluations, and its training if that is outdated too. If
-    finished ones are set aside already, later unfinished ones are removed instead; a training that flights set aside
-    earlier were made with joins them. `sources` are the current hashes of
-    its plug-ins. Returns `trained`, `flown` or an empty string for a run that is new or continues.
+    finished ones are set aside already, later unfinished ones are removed instead. If those set aside are flights
+    alone, the training that they were flown with is moved to them. `sources` are the current hashes of its plug-ins.
+    Returns `trained`, `flown` or an empty string for a run that is new or continues.
     """
     active, outdated = (_Store(base, run, tuple(trials)) for base in (folder, folder / FOLDER))
     recorded, previous = active.versions, outdated.versions
@@ -125,7 +125,7 @@ def prepare(folder: Path, run: Run, trials: Iterable[Trial], current: Versions, 
                 outdated.set_versions(recorded or {}, active.sources)
                 active.move_to(outdated, with_training=with_training)
             else:
-                # Where only flights were set aside, the training that stayed is theirs.
+                # If flights alone were set aside, they were flown with the training that is still here.
                 if with_training and not (outdated.run_folder.exists() or needs_training(previous, recorded or {})):
                     active.move_training_to(outdated)
                 active.remove(with_training=with_training)

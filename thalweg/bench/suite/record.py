@@ -259,9 +259,9 @@ def bounds_of(
 ) -> tuple[float | None, float | None]:
     """Return the bounds of a field of episodes of a suite's record for `inference.field_bounds`.
 
-    Costs have no greatest value where each step may cost. In `Portage` a flight may end further from the station than
-    it began on an open course, not on a loop, where no place is further than the start; a task of a plug-in may have
-    its rules.
+    Costs have no greatest value where each step may cost. Returns may be negative, down to minus the reward of a full
+    course, where a flight may end further from the station than it began: on an open course in `Portage`, and in a task
+    that is not loaded here and may be like it. On a loop no place is further than the start.
     """
     task = task_of(record)
     if field == "cost" and task != PAPER_TASK:

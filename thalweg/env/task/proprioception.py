@@ -31,9 +31,7 @@ PROPRIOCEPTION = (
 * yaw rate: radians per second, the mean of the last step, positive to the left.
 * last up, turn, forward, left: the action of the last step in -1..1, +1 = up, turn left, forward, left, as it was
   commanded, whether or not the vehicle could follow. In a task with a fast step, last forward is a `UnitAction.forward`
-  and not the action itself: from 0 to 1 a share of the plain step, and below 0 a share of the fast step. With a fast
-  step twice as long as the plain one, the continuous actions 1, 0.75, 0.5, 0.25 and -1 are told as -1, -0.75, 1, 0.5
-  and 0, and the options 0, 1 and 2 as 1, 0 and -1.
+  and not the action itself: from 0 to 1 a share of the plain step, and below 0 a share of the fast step.
 
 At the beginning of an episode all but the height are 0.
 """

@@ -80,7 +80,9 @@ def container_bytes(proc: Path = PROC, groups: Path = GROUPS) -> int | None:
     The file cache counts as free, because the kernel drops it when memory is needed.
     """
     remaining = []
-    for folder in (folder for controllers, folder in control_groups(proc, groups) if not controllers):
+    for controllers, folder in control_groups(proc, groups):
+        if controllers:
+            continue
         try:
             limit = (folder / "memory.max").read_text().strip()
             used = int((folder / "memory.current").read_text())

@@ -221,7 +221,8 @@ def test_to_observe_again_leaves_what_the_step_before_returned():
     again = env.observe()
     assert torch.equal(before, kept) and torch.equal(again, now) and not torch.equal(again, before)
     shown = now.clone()
-    env.set_state(made(observation="mask").get_state() | {"pose": env.get_state()["pose"] + 0.5})
+    state = env.get_state()
+    env.set_state(state | {"pose": state["pose"] + 0.5})
     env.observe()
     assert torch.equal(now, shown)
 

@@ -35,9 +35,10 @@ from thalweg.render.records.scene import Scene
 from thalweg.render.records.view import COLOURS, LAYERS, MASK, Buffers, FrameSettings, Views
 from thalweg.world import load_or_build
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))  # tests import this script as a part of `benchmarks`
+# Not the folder of this script, whose `omnisafe` tests would then take for the library.
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from tables import change
+from benchmarks.tables import change
 
 TABLE = Path(__file__).resolve().parent / "registers.csv"
 COLUMNS = ("kernel", "registers", "stack_bytes", "spilled_bytes", "shared_bytes", "threads", "occupancy")

@@ -8,7 +8,7 @@ import pytest
 
 from tests.interop.small import actions, assert_same, output_of_example, vector
 
-pytest.importorskip("omnisafe", reason="OmniSafe is not installed: make test-interop")
+pytest.importorskip("omnisafe.envs", reason="OmniSafe is not installed: make test-interop")
 
 import omnisafe  # pyright: ignore[reportMissingImports]
 import torch

@@ -20,9 +20,8 @@ from thalweg.encoder.geometry_training import CHECKPOINT, train_geometry
 from thalweg.encoder.training import train_encoder
 from thalweg.encoder.vae import VAEConfig
 from thalweg.encoder.water import WaterSegmenter, load_segmenter, save_segmenter, water_in
-from thalweg.render.bake.baked_maps import BakedMaps
-from thalweg.render.bake.baked_maps import store as store_maps
-from thalweg.render.bake.baked_maps import stored as stored_maps
+from thalweg.render.bake import array_files
+from thalweg.render.bake.baked_maps import MOST_BYTES, BakedMaps
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.loggers import CsvTable
 from thalweg.train.folder.run_record import read_context
@@ -89,12 +88,12 @@ def _read_segmenter(path: Path) -> Any:
 
 def _maps(folder: Path) -> list[bytes]:
     maps = BakedMaps(*(np.arange(24, dtype=np.float32).reshape(2, 3, 4) for _ in BakedMaps._fields))
-    return [written(folder, "a.npz", lambda path: store_maps(maps, path))]
+    return [written(folder, "a.npz", lambda path: array_files.store(maps, path, MOST_BYTES))]
 
 
 def _read_maps(path: Path) -> Any:
     """Return the maps, or None: a damaged file of the cache is made again."""
-    return stored_maps(path)
+    return array_files.stored(path, BakedMaps._fields)
 
 
 PLUGIN = b'''"""A section of reports, and a function that flies."""

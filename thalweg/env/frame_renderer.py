@@ -10,6 +10,7 @@ import numpy as np
 from thalweg.env.config import DEFAULT_CONFIG, ConfigError, EnvConfig
 from thalweg.env.task.course_arrays import fingerprint
 from thalweg.env.task.rules import State
+from thalweg.render.bake.sunlight import relit
 from thalweg.render.records.appearance import PARAMETERS, look_rows, look_values
 from thalweg.render.records.camera import Distortion
 from thalweg.render.records.pinhole import CameraMatrices
@@ -65,7 +66,7 @@ def relit_worlds(worlds: Sequence[World], randomisation: Randomisation | None) -
     """Return the worlds, each under every light of the randomisation, grouped by world."""
     if randomisation is None or not randomisation.suns:
         return list(worlds)
-    return [world.relit(*light) for world in worlds for light in randomisation.lights(world.seed)]
+    return [relit(world, *light) for world in worlds for light in randomisation.lights(world.seed)]
 
 
 def lights_per_world(randomisation: Randomisation | None) -> int:

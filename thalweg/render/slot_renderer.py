@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from thalweg.render.bake.scene_slots import SceneSlots, WorldTables
+from thalweg.render.bake.sunlight import relit
 from thalweg.render.errors import RenderError
 from thalweg.render.records.camera import Camera
 from thalweg.render.records.quality import Quality
@@ -50,7 +51,7 @@ class SlotRenderer(Renderer):
         """Return the tables of a world, under a sun of its own if suns vary; may be called in another thread."""
         if self._suns is not None:
             ((azimuth, elevation),) = replace(self._suns, suns=1).lights(world.seed)
-            world = world.relit(azimuth, elevation)
+            world = relit(world, azimuth, elevation)
         return self._slots.bake(world)
 
     def put(self, slot: int, tables: WorldTables) -> None:

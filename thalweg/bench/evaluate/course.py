@@ -18,6 +18,7 @@ from thalweg.env import EnvConfig, sample_starts
 from thalweg.env.initial_poses import CLOCK_RANGE_S
 from thalweg.env.rivers.bare_river import load_or_plan
 from thalweg.env.rivers.sounded_river import load_or_sound
+from thalweg.render.bake.sunlight import relit
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.river import announce_build
 from thalweg.world import Level, World, level_named, load_or_build
@@ -143,7 +144,7 @@ class Course:
         looks, suns = (np.array([drawn[index][part] for index in self.indices]) for part in (0, 1))
         used, suns = np.unique(suns, return_inverse=True)
         angles = randomisation.lights(self.world.seed)
-        lights = [self.world.relit(*angles[sun]) for sun in used] if randomisation.suns else []
+        lights = [relit(self.world, *angles[sun]) for sun in used] if randomisation.suns else []
         return replace(self, looks=looks, lights=tuple(lights), suns=suns)
 
     def only(self, index: int) -> "Course":

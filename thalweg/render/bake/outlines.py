@@ -4,13 +4,27 @@ They let a frame leave out the parts of a billboard that show nothing. An outlin
 from -1 to 1 across, where column 0 is at u = 1, and v from 0 at the foot to 1 at the top.
 """
 
+from functools import cache
+
 import numpy as np
 
-from thalweg.render.bake.impostors import LEVELS, VIEWS, Atlas, cols, rows
+from thalweg.render.bake.impostors import LEVELS, VIEWS, Atlas, cols, remembered, rows, sun_steps
 from thalweg.world.species import KINDS
 
 BANDS = 16
 """Bands of a picture's height, each with its own reach."""
+
+
+def of_sun(sun_elevation: float) -> np.ndarray:
+    """Return the outlines of the atlas for a height of the sun in radians; read-only, and shared."""
+    return _of_steps(sun_steps(sun_elevation))
+
+
+@cache
+def _of_steps(steps: int) -> np.ndarray:
+    found = of_atlas(remembered(steps))
+    found.setflags(write=False)
+    return found
 
 
 def of_atlas(atlas: Atlas) -> np.ndarray:

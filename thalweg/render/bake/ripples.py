@@ -5,6 +5,8 @@ has removed (which makes far water rougher instead of flatter), and a grain that
 Slopes are filtered together with their squares: Olano, Baker: LEAN Mapping, I3D 2010.
 """
 
+from functools import cache
+
 import numpy as np
 
 SIZE = 256
@@ -53,6 +55,14 @@ def tile(seed: int = 0) -> list[np.ndarray]:
 
 def _halve(a: np.ndarray) -> np.ndarray:
     return a.reshape(a.shape[0] // 2, 2, a.shape[1] // 2, 2).mean(axis=(1, 3))
+
+
+@cache
+def packed_tile() -> np.ndarray:
+    """Return what `packed` does for `tile()`; read-only, and shared."""
+    found = packed(tile())
+    found.setflags(write=False)
+    return found
 
 
 def packed(levels: list[np.ndarray]) -> np.ndarray:

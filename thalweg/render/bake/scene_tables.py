@@ -129,7 +129,7 @@ def build_scene(worlds: Sequence[World]) -> Scene:
             # A copy of a scene is writeable, which is part of the type that kernels are compiled for.
             atlas_level = atlas.offset.copy()
             atlases[id(atlas)] = tables.add("atlas", atlas.packed), tables.add("shade", atlas.shade.reshape(-1, 3))
-            tables.add("outlines", outlines.of_atlas(atlas))
+            tables.add("outlines", outlines.of_sun(world.sun_elevation))
         extent[ATLAS_AT], extent[SHADE_AT] = atlases[id(atlas)]
         constant[[ORIGIN_X, ORIGIN_Y, INV_CELL]] = world.grid.origin_x_m, world.grid.origin_y_m, 1 / world.grid.cell_m
         constant[[SUN_X, SUN_Y, SUN_Z]] = sun
@@ -139,7 +139,7 @@ def build_scene(worlds: Sequence[World]) -> Scene:
     return Scene(
         extents=extents,
         constants=constants,
-        ripples=ripples.packed(ripples.tile()),
+        ripples=ripples.packed_tile().copy(),  # a copy is writeable
         atlas_level=atlas_level,
         autumn=autumn(),
         **tables.joined(),
@@ -208,10 +208,18 @@ def paint_levels(lit: np.ndarray, sun_share: np.ndarray) -> list[np.ndarray]:
     levels = []
     for k in range(PAINT_LEVELS):
         if k:
-            colour = colour.reshape(colour.shape[0] // 2, 2, colour.shape[1] // 2, 2, 3).mean(axis=(1, 3))
-            share = share.reshape(share.shape[0] // 2, 2, share.shape[1] // 2, 2).mean(axis=(1, 3))
+            colour, share = _halved(colour), _halved(share)
         levels.append(pack_colour(colour, PAINT_RANGE, np.rint(share).astype(np.uint8)))
     return levels
+
+
+def _halved(fine: np.ndarray) -> np.ndarray:
+    """Return the means of squares of two by two nodes of a map [2 Y, 2 X, ...], twice as fast as by `mean`."""
+    total = fine[::2, ::2] + fine[::2, 1::2]
+    total += fine[1::2, ::2]
+    total += fine[1::2, 1::2]
+    total *= np.float32(0.25)
+    return total
 
 
 def plant_rows(world: World) -> np.ndarray:

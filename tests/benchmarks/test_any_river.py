@@ -126,7 +126,7 @@ def test_levels_select_cells_but_real_rivers_are_always_flown(script: ModuleType
 def test_varied_flights_have_a_look_each(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
     of_seeds = script.Course.of_seeds
     monkeypatch.setattr(script.Course, "of_seeds", lambda *given, drawn: of_seeds(*given, drawn=False))
-    monkeypatch.setattr("thalweg.world.World.relit", lambda world, azimuth, elevation: world)
+    monkeypatch.setattr("thalweg.bench.evaluate.course.relit", lambda world, azimuth, elevation: world)
     looks = [course.looks for course in script.Cell("rgb", 9, 0, "varied", "Easy", 3).courses()]
     assert all(look.shape[0] == 1 for look in looks)
     assert len({look.tobytes() for look in looks}) == 3

@@ -182,7 +182,7 @@ def test_unseen_flights_are_on_other_rivers(arms: ModuleType, student: Any):
 
 
 def test_varied_flights_have_a_look_each(arms: ModuleType, student: Any, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("thalweg.world.World.relit", lambda world, azimuth, elevation: world)
+    monkeypatch.setattr("thalweg.bench.evaluate.course.relit", lambda world, azimuth, elevation: world)
     looks = [course.looks for course in arms.Cell(student, "varied", "Easy", 3).courses(drawn=False)]
     assert [look.shape[0] for look in looks] == [1, 1, 1] and len({look.tobytes() for look in looks}) == 3
 

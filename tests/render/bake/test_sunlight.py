@@ -65,9 +65,17 @@ def test_whatever_light_falls_on_is_part_of_the_name(world: World, lit: list):
     crowns = {field.name: getattr(world.plants, field.name) for field in fields(Plants)}
     taller = replace(world, plants=Plants(**crowns | {"height_m": world.plants.height_m * np.float32(2.0)}))
     coarser = replace(world, grid=replace(world.grid, cell_m=2.0 * world.grid.cell_m))
-    for other in (world, lower, wet, taller, coarser):
+    bridged = replace(world, bridges=np.array([[0.0, 0.0, 0.0, 12.0, 3.0, 8.0, 0.0, 2.0, 3.0, 0.3, 0.9]]))
+    for other in (world, lower, wet, taller, coarser, bridged):
         sunlight.relit(other, *SUN)
-    assert len(lit) == 5
+    assert len(lit) == 6
+
+
+def test_light_of_another_version_is_not_read(world: World, lit: list, monkeypatch: pytest.MonkeyPatch):
+    for version in ("a" * 16, "b" * 16, "a" * 16):
+        monkeypatch.setattr(sunlight, "GENERATOR_HASH", version)
+        sunlight.relit(world, *SUN)
+    assert len(lit) == 2
 
 
 def test_a_damaged_file_is_replaced(world: World, lit: list, tmp_path: Path):

@@ -16,7 +16,7 @@ BANDS = 16
 
 
 def of_sun(sun_elevation: float) -> np.ndarray:
-    """Return the outlines of the atlas for a height of the sun in radians; read-only, and shared."""
+    """Return `of_atlas` for a height of the sun in radians [kinds * VIEWS * LEVELS, 2 * BANDS] float32; read-only."""
     return _of_steps(sun_steps(sun_elevation))
 
 

@@ -59,7 +59,7 @@ def _halve(a: np.ndarray) -> np.ndarray:
 
 @cache
 def packed_tile() -> np.ndarray:
-    """Return what `packed` does for `tile()`; read-only, and shared."""
+    """Return all levels of `tile()` as one flat uint32 array, as `packed` does; read-only."""
     found = packed(tile())
     found.setflags(write=False)
     return found

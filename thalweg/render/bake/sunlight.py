@@ -2,7 +2,7 @@
 
 How much sun reaches each node and plant takes seconds to compute, and a river under varied suns is lit again whenever
 it is loaded, always by the same suns. A file's name holds hashes of the code and the libraries that compute light, and
-of all that it falls on.
+of the sun, the ground, the water, the plants and the bridges.
 """
 
 from dataclasses import replace
@@ -29,7 +29,10 @@ class Sunlight(NamedTuple):
 
 
 def relit(world: World, azimuth: float, elevation: float) -> World:
-    """Return what `World.relit` does, with the light from the disk if it is there."""
+    """Return what `World.relit` does for angles in radians, with the light from the disk if it is there.
+
+    Raises `ValueError` for the same suns, those lower than 5 degrees or beyond the zenith.
+    """
     lit_up = world.grid, world.ground_m, world.water_m, world.plants, world.bridges
     name = f"{GENERATOR_HASH}-{digest_of(*lit_up, float(azimuth), float(elevation))}.npz"
     path = cache_dir() / "sunlight" / name

@@ -35,7 +35,7 @@ from thalweg.render.records.scene import Scene
 from thalweg.render.records.view import COLOURS, LAYERS, MASK, Buffers, FrameSettings, Views
 from thalweg.world import load_or_build
 
-# Not the folder of this script, whose `omnisafe` tests would then take for the library.
+# The repository, not the folder of this script: tests would take the `omnisafe` in there for the library.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.tables import change

@@ -1,7 +1,7 @@
 """Worlds under other suns, whose light is kept in the cache folder.
 
-How much sun reaches each node and plant takes seconds to compute, and a river under varied suns is lit again whenever
-it is loaded, always by the same suns. A file's name holds hashes of the code and the libraries that compute light, and
+How much sun reaches each node and plant takes seconds to compute, and rivers under varied suns are loaded again and
+again, each under the same ones. A file's name holds hashes of the code and the libraries that compute light, and
 of the sun, the ground, the water, the plants and the bridges.
 """
 

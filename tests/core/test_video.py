@@ -1,10 +1,12 @@
 """Tests of videos: what is read is what was written, and what ffmpeg does not say of its errors."""
 
 import errno
+import subprocess
 from collections import namedtuple
 from collections.abc import Iterator
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 
@@ -22,10 +24,20 @@ def test_frames_and_their_rate_are_read_as_they_were_written(tmp_path: Path):
     assert np.abs(found.astype(int) - FRAMES).max() <= 2  # rounding of luma and chroma
 
 
+@pytest.mark.parametrize(("key_every", "keys"), [(None, 1), (2, 3), (3, 2)])
+def test_reading_can_begin_at_every_key_frame(tmp_path: Path, key_every: int | None, keys: int):
+    write_video(tmp_path / "a.mp4", np.zeros((6, 32, 34, 3), np.uint8), 4, crf=20, key_every=key_every)
+    decode = ["-skip_frame", "nokey", "-i", str(tmp_path / "a.mp4"), "-fps_mode", "passthrough", "-f", "rawvideo", "-"]
+    told = subprocess.run([imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", *decode], capture_output=True, check=True)
+    assert len(told.stdout) == keys * 32 * 34 * 3 // 2  # yuv420p
+
+
 def test_a_comment_is_kept_in_the_metadata_and_changes_no_frame(tmp_path: Path):
     write_video(tmp_path / "bare.mp4", FRAMES, 4, crf=20)
     write_video(tmp_path / "told.mp4", FRAMES, 4, crf=20, comment="thalweg film")
     assert [comment_of(tmp_path / name) for name in ("bare.mp4", "told.mp4", "absent.mp4")] == ["", "thalweg film", ""]
+    write_video(tmp_path / "a.mp4", FRAMES, 4, crf=20, comment=r"a=b; c\d # e")
+    assert comment_of(tmp_path / "a.mp4") == r"a=b; c\d # e"
     bare, told = (np.stack([*read_video(tmp_path / f"{name}.mp4")]) for name in ("bare", "told"))
     np.testing.assert_array_equal(bare, told)
 

@@ -1,5 +1,6 @@
 """Tests of recordings that are interrupted, and of the memory that a flight takes while it is recorded."""
 
+import json
 import os
 import signal
 import subprocess
@@ -266,6 +267,7 @@ def test_no_other_command_takes_a_draft_that_is_being_named(tmp_path: Path, monk
         replace_(source, target)
 
     monkeypatch.setattr(os, "replace", slowly)
+    monkeypatch.setattr("thalweg.core.run_folder.WAIT_S", 60.0)
     with recording(path, "lerobot", ABOUT) as writer:
         for episode in FLIGHTS:
             add_flight(writer, episode)
@@ -366,3 +368,12 @@ def test_features_of_one_number_are_kept(form: Any, tmp_path: Path):
     with recording(tmp_path / "data", form, about) as writer:
         add_flight(writer, one)
     assert_same(next(read_recordings(tmp_path / "data")[1]), one, frames=3)
+
+
+def test_a_draft_whose_moves_may_have_another_meaning_is_not_resumed(tmp_path: Path):
+    record = begun(tmp_path / "flights") / "recording.json"
+    told = json.loads(record.read_text())
+    del told["moves"]
+    record.write_text(json.dumps(told))
+    with pytest.raises(DatasetError, match="moves is absent there and 'plain steps' here"):
+        begun(tmp_path / "flights")

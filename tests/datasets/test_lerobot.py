@@ -17,6 +17,7 @@ import pytest
 from PIL import Image
 
 from tests.datasets.episodes import ABOUT, SIZE, assert_same, flight, without
+from thalweg.datasets import lerobot_layout
 from thalweg.datasets.episode import check_episode
 from thalweg.datasets.errors import DatasetError
 from thalweg.datasets.lerobot_statistics import PictureCounts, of_numbers, together
@@ -82,6 +83,9 @@ def test_the_table_of_episodes_says_where_each_one_is(filmed: Path):
     assert table["dataset_from_index"].tolist() == [0, 3] and table["dataset_to_index"].tolist() == [3, 8]
     assert table["data/file_index"].tolist() == [0, 1] == table[f"videos/{CAMERA}/file_index"].tolist()
     assert table[f"videos/{CAMERA}/to_timestamp"].tolist() == [0.75, 1.25]
+    assert table["stats/pose/count"].map(list).tolist() == [[3], [5]]
+    for found, wanted in zip(table["stats/pose/mean"], FLIGHTS, strict=True):
+        np.testing.assert_allclose(found, wanted.poses[:-1].mean(axis=0))
     assert [list(tasks) for tasks in table["tasks"]] == [["Follow the river to its end without touching anything."]] * 2
     tasks = pandas.read_parquet(filmed / "meta/tasks.parquet")
     assert tasks["task_index"].to_dict() == {"Follow the river to its end without touching anything.": 0}
@@ -328,3 +332,18 @@ def test_a_flight_whose_parts_do_not_fit_together_is_refused(changes: dict, word
     check_episode(FLIGHTS[0], ABOUT, tmp_path)
     with pytest.raises(DatasetError, match=words):
         check_episode(replace(FLIGHTS[0], **changes), ABOUT, tmp_path)
+
+
+def test_a_full_folder_is_followed_by_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(lerobot_layout, "FILES_PER_CHUNK", 2)
+    flights = [flight(2, seed) for seed in range(3)]
+    with recording(tmp_path / "flights", "lerobot", ABOUT) as writer:
+        for episode in flights:
+            add_flight(writer, episode)
+    for found, wanted in zip(read_recordings(tmp_path / "flights")[1], flights, strict=True):
+        assert_same(found, wanted, frames=2)
+    tables = [tmp_path / f"flights/meta/episodes/chunk-000/file-{number:03d}.parquet" for number in (0, 1)]
+    episodes = pandas.concat(map(pandas.read_parquet, tables))
+    assert episodes["data/chunk_index"].tolist() == [0, 0, 1] and episodes["data/file_index"].tolist() == [0, 1, 0]
+    assert episodes["meta/episodes/file_index"].tolist() == [0, 0, 1]
+    assert episodes["dataset_from_index"].tolist() == [0, 2, 4]

@@ -43,7 +43,9 @@ def test_minari_loads_the_data_set_by_its_name_with_all_layers_to_the_bit(
         np.testing.assert_array_equal(found.actions, wanted.options)
         np.testing.assert_array_equal(found.rewards, wanted.rewards)
         np.testing.assert_array_equal(found.infos["costs"][1:], wanted.costs)
+        np.testing.assert_allclose(found.infos["cost"], [0.0, *wanted.costs.sum(axis=1)])
         np.testing.assert_array_equal(found.infos["pose"], wanted.poses)
+    assert [each["seed"] for each in data.storage.get_episode_metadata(range(2))] == [7, 8]
     first, second = data.iterate_episodes()
     assert first.terminations.tolist() == [False, False, True] and not first.truncations.any()
     assert second.truncations.tolist() == [False, False, False, False, True] and not second.terminations.any()

@@ -305,3 +305,26 @@ def test_the_metadata_have_the_steps_and_the_temperature_of_the_training(tmp_pat
     assert about["steps"] == {"seconds": 0.5, "vertical_m": 1, "yaw_deg": 5, "forward_m": 0.75, "lateral_m": 0.5}
     assert (about["temperature"], about["fast_step_m"]) == (0.5, 0.0)
     assert about["actions"]["longitudinal"] == ["forward", "none", "none"]
+
+
+@pytest.mark.parametrize("numbers", [False, True], ids=["options", "numbers"])
+def test_a_network_with_the_same_outputs_and_other_actions_is_not_written(
+    numbers: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    class Otherwise(export.ExportedNetwork):
+        def forward(self, *given: torch.Tensor) -> tuple[torch.Tensor, ...]:
+            action, *rest = super().forward(*given)
+            return -action if numbers else 2 - action, *rest
+
+    policy = policies.of_codes("default", actions=policies.numbers("gaussian") if numbers else None)[0]
+    monkeypatch.setattr(export, "ExportedNetwork", Otherwise)
+    with pytest.raises(ExportError, match="chooses other actions than the policy"):
+        export_policy(policy, tmp_path / "policy.onnx")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_options_that_are_equally_probable_count_as_the_same_choice():
+    told = np.log(np.array([[[0.4, 0.4, 0.2]] * 4]))
+    first = np.zeros((1, 4), np.int64)
+    assert export._same_choice(policies.discrete(), told, first, first + np.array([1, 0, 0, 0]))
+    assert not export._same_choice(policies.discrete(), told, first, first + np.array([2, 0, 0, 0]))

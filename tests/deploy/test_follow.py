@@ -62,12 +62,14 @@ class Watched:
         return self.see(frame)
 
 
-def test_the_middle_of_a_frame_is_cut_to_the_shape_of_the_camera():
+@pytest.mark.parametrize("tall", [False, True])
+def test_the_middle_of_a_frame_is_cut_to_the_shape_of_the_camera(tall: bool):
     frame = np.zeros((60, 100, 3), np.uint8)
     frame[:, 20:80] = np.arange(60)[None, :, None]
-    found = cut_to(frame, (30, 30))
+    found = cut_to(frame.swapaxes(0, 1).copy() if tall else frame, (30, 30))
     assert found.shape == (30, 30, 3)
-    np.testing.assert_allclose(found[7, :, 0], np.arange(30) * 2 + 0.5, atol=0.5)
+    line = found[:, 7, 0] if tall else found[7, :, 0]
+    np.testing.assert_allclose(line, np.arange(30) * 2 + 0.5, atol=0.5)
 
 
 @pytest.mark.parametrize(("camera", "frame"), [((100, 100), (247, 247)), ((1200, 1600), (33, 44))])

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -228,3 +229,20 @@ def test_importing_the_package_loads_neither_torch_nor_numba():
     code = "import sys, thalweg; print(sorted({'torch', 'numba', 'scipy', 'thalweg.env'} & set(sys.modules)))"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+def test_seeds_choose_the_rivers_of_each_kind_of_environment(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("thalweg.world.load_or_build", lambda level, seed: replace(ring(), name=level, seed=seed))
+    one = gymnasium.make("thalweg/Easy-v0", world_seed=4, observation="none").unwrapped
+    many = gymnasium.make_vec("thalweg/Easy-v0", num_envs=2, world_seeds=[4, 2], observation="none")
+    tensors = thalweg.make_torch("Easy", 2, world_seeds="4 2", observation="none", device="cpu")
+    assert [world.label for world in one.vector.worlds] == ["Easy-4"]  # pyright: ignore[reportAttributeAccessIssue]
+    for each in (many, tensors):
+        assert [world.label for world in each.worlds] == ["Easy-4", "Easy-2"]  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_make_vec_passes_the_render_mode_on():
+    options = {"worlds": ring(), "renderer": BlankRenderer(), "render_mode": "rgb_array"}
+    env = gymnasium.make_vec("thalweg/Easy-v0", num_envs=2, **options)
+    env.reset(seed=0)
+    assert [frame.shape for frame in env.render() or ()] == [(8, 8, 3)] * 2

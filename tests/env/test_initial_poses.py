@@ -14,7 +14,7 @@ from thalweg.env import ConfigError, EnvConfig, RiverEnv, RiverVectorEnv, Unsafe
 from thalweg.env.initial_poses import CLOCK_RANGE_S, begin_at_pose, check_pose
 from thalweg.env.rivers.river_list import RiverList
 from thalweg.env.task.course_arrays import pack_courses
-from thalweg.env.task.termination import island_at
+from thalweg.env.task.termination import first_bridge_hit, island_at
 from thalweg.env.torch_env import TensorRiverEnv
 from thalweg.world.bridges import bridge_across
 
@@ -227,3 +227,15 @@ def test_an_episode_begins_without_anything_of_the_last_one_or_of_a_longer_river
     assert not state.visited[0].any() and state.visited[1].all()
     for kept in (state.visited_count, state.steps, state.idle):
         assert kept.tolist() == [0, 9]
+
+
+def test_random_starts_keep_their_clearance_from_banks_islands_and_bridges():
+    world = canal(40.0, width_m=6.0, bridges=BRIDGE, islands=[[8.0, 0.0, 3.0, 1.0, 0.3]])
+    courses = pack_courses([world], EnvConfig())
+    for x, y, z, _ in sample_starts(world, 600, seed=0):
+        assert abs(y) <= 2.5
+        assert first_bridge_hit(courses, 0, x, y, z - 0.5, x, y, z + 0.5) < 0
+        for angle in np.arange(0.0, 2 * math.pi, math.pi / 4):
+            beside = x + 0.5 * math.cos(angle), y + 0.5 * math.sin(angle)
+            assert island_at(courses, 0, *beside) < 0
+            assert first_bridge_hit(courses, 0, x, y, z, *beside, z) < 0

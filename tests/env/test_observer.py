@@ -325,3 +325,30 @@ def test_where_nothing_is_observed_poses_alone_are_copied():
     assert all(value is None for name, value in views._asdict().items() if name != "pose")
     env.state.pose[:] = 0.0
     assert observations.any() and views.pose.any(), "copies"
+
+
+@pytest.mark.parametrize("observation", ["mask", "privileged", "none"])
+def test_a_picture_shows_the_state_after_every_step_and_after_set_state(observation: str):
+    config = EnvConfig(observation=observation)  # pyright: ignore[reportArgumentType]
+    env = RiverVectorEnv(ring(), 2, config, renderer=BlankRenderer(), render_mode="rgb_array")
+
+    def shown() -> list:
+        return [frame[0, :4, 0].tolist() for frame in env.render() or ()]
+
+    def at(poses: np.ndarray) -> list:
+        return np.mod(poses * 16, 256).astype(np.uint8).tolist()
+
+    env.reset(seed=0)
+    state = env.get_state()
+    assert shown() == at(state["pose"])
+    env.step(np.array([FORWARD] * 2))
+    assert shown() == at(env.state.pose) != at(state["pose"])
+    env.set_state(state)
+    assert shown() == at(state["pose"])
+
+
+def test_a_quality_that_the_renderer_does_not_have_is_refused():
+    renderer = BlankRenderer()
+    renderer.quality = "full"  # pyright: ignore[reportAttributeAccessIssue]
+    with pytest.raises(ConfigError, match=r"config\.quality = 'fast' is not the renderer's, 'full'"):
+        RiverVectorEnv(ring(), 1, EnvConfig(quality="fast"), renderer=renderer)

@@ -1,6 +1,7 @@
 """Tests of what is true of a pose without an episode, on rivers where it can be worked by hand."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -68,3 +69,9 @@ def test_a_pose_that_is_not_finite_is_refused_by_its_row():
         UnsafePoseError, match=r"four finite numbers x, y, z, yaw, not \[2.0, 1.5, nan, 0.3\] \(row 1\)"
     ):
         privileged_state(plane(), poses)
+
+
+@pytest.mark.parametrize("poses", [[[2.0, 1.5, 4.0]], [[2.0, 1.5, 4.0, 0.3, 0.0]], [2.0, 1.5, 4.0, 0.3]], ids=str)
+def test_poses_of_another_shape_are_refused(poses: list):
+    with pytest.raises(UnsafePoseError, match=re.escape(f"poses must be [K, 4], not {list(np.shape(poses))}")):
+        privileged_state(plane(), np.array(poses))

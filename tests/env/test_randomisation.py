@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
+from tests.env.flights import FORWARD
 from thalweg.env import EnvConfig, RiverEnv, RiverVectorEnv
 from thalweg.env.config import ConfigError
 from thalweg.env.snapshot import StateError
@@ -12,7 +13,6 @@ from thalweg.world.record import World
 
 CAMERA = Camera(16, 16)
 LOOKS = Randomisation.only(haze=(0.0, 9.0), water_tint=(-1.0, 1.0), noise=(0.0, 8.0), season=(0.0, 1.0))
-FORWARD = np.array([1, 1, 2, 1])
 
 
 def river(world: World, count: int = 3, **changes) -> RiverVectorEnv:

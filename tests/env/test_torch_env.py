@@ -4,6 +4,7 @@ and what is refused. The same on a GPU: tests/cuda."""
 import copy
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -13,13 +14,13 @@ import torch
 from gymnasium.vector import AutoresetMode
 
 import thalweg
-from tests.env.handmade import ring
+from tests.env.handmade import canal, ring
 from tests.render.plain import plane
 from thalweg.core.compute.counter_random import splitmix64, uniform
 from thalweg.env import RiverVectorEnv
 from thalweg.env.config import ConfigError, EnvConfig
 from thalweg.env.device.memory import bytes_per_env, check_memory
-from thalweg.env.initial_poses import CLOCK_RANGE_S, check_pose
+from thalweg.env.initial_poses import CLOCK_RANGE_S, UnsafePoseError, check_pose
 from thalweg.env.observation import PARTS
 from thalweg.env.physics.wind import Wind
 from thalweg.env.snapshot import StateError
@@ -366,7 +367,7 @@ def test_actions_are_checked_before_anything_changes():
 
 
 def test_seeds_and_step_counts_beyond_what_kernels_hold_are_refused_by_name():
-    env = TensorRiverEnv(ring(), 2, EnvConfig(observation="none"))
+    env = TensorRiverEnv(ring(), 2, EnvConfig(observation="none"), device="cpu")
     with pytest.raises(ConfigError, match="seed must be at most 9223372036854775805 for 2 environments, not 92233720"):
         env.reset(seed=2**63 - 1)
     env.reset(seed=2**63 - 3)
@@ -407,3 +408,26 @@ def test_what_all_share_is_counted_once():
     with pytest.raises(ConfigError, match=r"num_envs = 5 takes .*: at most 4 fit"):
         check_memory(5, 100, 51, 550)
     check_memory(5, 100, 0, None)  # a system that does not tell
+
+
+def test_a_world_without_a_safe_start_is_refused_as_environments_of_tensors_are_made():
+    rivers = [canal(), replace(ring(width_m=0.9), name="narrow")]
+    with pytest.raises(UnsafePoseError, match="no safe start found in narrow-0 among"):
+        TensorRiverEnv(rivers, 2, EnvConfig(observation="none"), device="cpu")
+
+
+def test_what_tensors_tell_of_a_step_is_valid_after_the_next_one():
+    env = made(observation=("privileged", "proprioception"))
+    env.reset(seed=0)
+    down = torch.tensor([[2, 1, 0, 1]]).repeat(N, 1)
+    for _ in range(20):
+        obs, reward, *_, info = env.step(down)
+        told = {**obs, "reward": reward, **info}
+        kept = {name: values.clone() for name, values in told.items()}
+        env.step(down)
+        assert all(torch.equal(told[name], values) for name, values in kept.items())
+
+
+def test_cameras_of_tensors_are_refused_before_a_reset():
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"call reset\(\) before camera_matrices"):
+        made().camera_matrices  # noqa: B018

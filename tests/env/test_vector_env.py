@@ -1,6 +1,7 @@
 """Tests of the vector environment: autoreset modes, infos and masked resets."""
 
 import re
+from typing import Any
 
 import numpy as np
 import pytest
@@ -117,6 +118,8 @@ def test_step_before_reset_is_refused():
         ("observe()", lambda env: env.observe()),
         ("ideal_eye()", lambda env: env.ideal_eye()),
         ("camera_matrices", lambda env: env.camera_matrices),
+        ("asking a pilot", lambda env: env.pilot_actions()),
+        ("asking a pilot", lambda env: env.move_worths()),
     ],
 )
 def test_what_shows_a_state_is_refused_before_there_is_one(what, asked):
@@ -128,9 +131,10 @@ def test_what_shows_a_state_is_refused_before_there_is_one(what, asked):
     assert len(asked(env)) > 0
 
 
-def test_its_own_generator_is_that_of_the_seed():
+@pytest.mark.parametrize("seed", [7, np.int64(7), np.array(7)], ids=repr)
+def test_its_own_generator_is_that_of_the_seed(seed: Any):
     env = RiverVectorEnv(canal(), 2, NONE)
-    env.reset(seed=7)
+    env.reset(seed=seed)
     assert env.np_random_seed == 7
     assert env.np_random.integers(2**62) == np.random.default_rng(7).integers(2**62)
 
@@ -328,3 +332,14 @@ def test_a_camera_that_the_renderer_does_not_have_is_refused():
         RiverVectorEnv(ring(), 1, config, renderer=WorldsRenderer([ring()]))
     env = RiverVectorEnv(ring(), 1, config, renderer=WorldsRenderer([ring()], Camera(16, 16, fov_deg=50.0)))
     assert env.camera == config.camera
+
+
+def test_objects_are_refused_before_there_is_a_state():
+    env = RiverVectorEnv(canal(), 2, EnvConfig(observation="none", task="Portage"))
+    with pytest.raises(ResetNeeded, match=re.escape("props()")):
+        env.props()
+
+
+def test_steps_without_time_are_shown_as_fast_as_usual():
+    env = RiverVectorEnv(ring(), 1, EnvConfig(observation="none", step_s=0.0))
+    assert env.metadata["render_fps"] == 4

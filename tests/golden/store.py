@@ -68,6 +68,8 @@ def _largest(golden: Golden, kept: dict[str, Any], trace: Trace, tolerance: floa
         before = np.array(kept["values"][name], np.float64)
         if before.shape != np.shape(values):
             return f"{name} had shape {list(before.shape)} and has {list(np.shape(values))}"
+        if (np.isnan(values) != np.isnan(before)).any():
+            return f"{name} has NaN in other places"
         apart = np.abs(np.nan_to_num(values) - np.nan_to_num(before))
         relative = float((apart / np.maximum(np.abs(np.nan_to_num(before)), golden.smallest)).max(initial=0.0))
         if relative > worst:

@@ -85,3 +85,8 @@ def test_changed_behaviour_is_not_written_over_the_same_version(tmp_path, monkey
     monkeypatch.setattr(store, "GOLDENS", {"rules": replace(RULES, version=5, function=lambda: OTHER)})
     assert store.main(["rules", "--write"]) is None
     assert store.load("rules")["version"] == 5 and store.main([]) is None
+
+
+def test_a_number_that_became_nan_is_a_change():
+    kept = {"version": 4, "exact": {}, "values": {"poses": [0.0, 1.0]}}
+    assert "NaN in other places" in store.problem("rules", RULES, kept, {"poses": np.array([np.nan, 1.0])})

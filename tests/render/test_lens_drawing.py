@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.render.lake import ALL, lake
+from tests.render.lake import POSE as LAKE_POSE
 from tests.render.plain import plane
 from thalweg.core.compute.threads import get_num_threads, set_num_threads
 from thalweg.render import Camera, Look, Renderer, RenderError, lens_drawing, renderer
 from thalweg.render.optics.lens import Lens
-from thalweg.render.records.classes import GROUND, WATER
+from thalweg.render.records.classes import BRIDGE, GROUND, WATER
 
 POSE = np.array([[0.0, 1.0, 4.0, -0.2]])
 WORLD = plane(slope_y=0.06, water_level=0.25)
@@ -152,3 +154,15 @@ def test_a_gpu_is_refused(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(renderer, "resolve_device", on_gpu)
     with pytest.raises(RenderError, match=r"has a lens, which is drawn on the CPU only, not on cuda:0: .*rectify"):
         Renderer([WORLD], Camera(lens=BARREL), device="cuda")
+
+
+def test_each_frame_behind_a_lens_has_its_own_props(monkeypatch: pytest.MonkeyPatch):
+    drawn = Renderer([lake()], Camera(48, 64, lens=BARREL))
+    props = np.stack([ALL[0], np.zeros_like(ALL[0]), ALL[0][1:2].repeat(len(ALL[0]), axis=0)])
+    monkeypatch.setattr(lens_drawing, "MOST_BYTES", 1)  # one frame at a time
+    together = drawn.render_layers(np.repeat(LAKE_POSE, 3, axis=0), props=props)
+    for n in range(3):
+        alone = drawn.render_layers(LAKE_POSE, props=props[n : n + 1])
+        np.testing.assert_array_equal(together.class_id[n], alone.class_id[0])
+        np.testing.assert_array_equal(together.rgb[n], alone.rgb[0])
+    assert [(kinds > BRIDGE).any() for kinds in together.class_id] == [True, False, True]

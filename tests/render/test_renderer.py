@@ -53,6 +53,8 @@ def test_bad_requests_name_the_value_and_what_would_be_right():
     for wind in ([[1e200, 0.0]], [[0.0, np.nan]], [0.0, 1.0]):
         with pytest.raises(ValueError, match=r"it must be \[1, 2\] in m/s east and north, within ±1000"):
             renderer.render([[0, 0, 2, 0]], wind=wind)
+    with pytest.raises(ValueError, match=r"world_index must be whole numbers, not float64"):
+        renderer.render([[0, 0, 2, 0]], [0.7])
     with pytest.raises(ValueError, match=r"world_index must be in 0\.\.0; got 1\.\.1"):
         renderer.render([[0, 0, 2, 0]], [1])
     with pytest.raises(ValueError, match=r"must be contiguous uint8 \[1, 32, 32, 4\]"):

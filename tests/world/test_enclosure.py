@@ -40,3 +40,13 @@ def test_a_point_in_a_crown_names_the_plant(easy_world: World):
     assert inside.name == f"inside a plant or rock ({kind.name})"
     assert inside.top_m == pytest.approx(top)
     assert enclosure_of(easy_world, x, y, top + 0.1) is None
+
+
+def test_a_parapet_is_stone_above_the_edge_of_the_deck_and_nowhere_else(easy_world: World):
+    row = easy_world.bridges[0]
+    bridge = Bridge(*row)
+    across = np.array([-np.sin(bridge.angle), np.cos(bridge.angle)])
+    for aside, top in ((0.15, bridge.deck_z + bridge.parapet), (0.45, None), (-0.15, None)):
+        x, y = (bridge.x, bridge.y) + across * (bridge.width / 2 - aside)
+        found = enclosure_of(easy_world, x, y, bridge.deck_z + 0.5 * bridge.parapet)
+        assert found == (None if top is None else ("inside a bridge", pytest.approx(top)))

@@ -66,8 +66,8 @@ def _parts(given: Any, what: str, error: type[ValueError]) -> list[Any]:
     """Return the parts of a list of seeds: whole numbers, ranges, and words of texts."""
     if isinstance(given, str):
         return given.split()
-    if isinstance(given, range) or not hasattr(given, "__iter__"):
-        return [given]
+    if isinstance(given, range) or not hasattr(given, "__iter__") or getattr(given, "ndim", 1) == 0:
+        return [given]  # an array without axes cannot be iterated, though it has the method
     if isinstance(given, dict | bytes):
         raise error(f"{what} must be a list of seeds and ranges such as 1000:1016, not {given!r}")
     return [part for each in given for part in (each.split() if isinstance(each, str) else [each])]
@@ -93,7 +93,7 @@ def _range(part: str | range, what: str, error: type[ValueError]) -> range:
 
 def _count(seeds: range | list[int]) -> int:
     """Return the number of seeds; that of a range may be too large for `len`."""
-    return len(seeds) if isinstance(seeds, list) else (seeds.stop - seeds.start) // seeds.step
+    return len(seeds) if isinstance(seeds, list) else -((seeds.start - seeds.stop) // seeds.step)
 
 
 def _number(word: str) -> int | float | None:

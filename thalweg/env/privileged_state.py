@@ -16,9 +16,12 @@ from thalweg.world.record import World
 def privileged_state(world: World, poses: np.ndarray, config: EnvConfig = DEFAULT_CONFIG) -> np.ndarray:
     """Return what the ideal eye sees [K, FEATURES] float32 from poses [K, 4] (x, y, z in metres, yaw in radians).
 
-    Raises `UnsafePoseError` for a pose that is not finite.
+    Raises `UnsafePoseError` for poses of another shape, and for one that is not finite.
     """
-    given, count = np.ascontiguousarray(poses, np.float64), len(poses)
+    given = np.ascontiguousarray(poses, np.float64)
+    if given.ndim != 2 or given.shape[1] != 4:
+        raise UnsafePoseError(f"poses must be [K, 4], not {list(given.shape)}")
+    count = len(given)
     for row in np.flatnonzero(~np.isfinite(given).all(axis=1)):
         raise UnsafePoseError(f"a pose is four finite numbers x, y, z, yaw, not {given[row].tolist()} (row {row})")
     courses = pack_courses([world], config)

@@ -169,7 +169,7 @@ class RiverVectorEnv(VectorEnv):
         # All generators are created before the first is replaced, so that a bad seed changes nothing.
         for row, generator in [(row, seeding.np_random(seeds[row])[0]) for row in reseeded]:
             self.episodes.reseed(row, generator)
-        if isinstance(seed, int | np.integer):
+        if seed is not None and np.ndim(seed) == 0:
             self._np_random, self._np_random_seed = seeding.np_random(int(seed))
         return self.start_episodes(rows, poses)
 

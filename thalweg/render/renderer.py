@@ -251,9 +251,12 @@ class Renderer:
             row, column = far[0]
             raise RenderError(f"pose {row} holds {poses[row, column]:g}; its numbers lie within ±{FARTHEST:g}")
         count = len(poses)
-        index = np.zeros(count, np.int64) if world_index is None else np.array(world_index, np.int64)
+        index = np.zeros(count, np.int64) if world_index is None else np.asarray(world_index)
         if index.shape != (count,):
             raise RenderError(f"world_index has shape {list(index.shape)}; there are {count} poses")
+        if count and index.dtype.kind not in "iu":
+            raise RenderError(f"world_index must be whole numbers, not {index.dtype}")
+        index = np.array(index, np.int64)
         if count and (index.min() < 0 or index.max() >= self.count):
             raise RenderError(f"world_index must be in 0..{self.count - 1}; got {index.min()}..{index.max()}")
         times = _checked_times(time_s, count)

@@ -27,7 +27,7 @@ def test_names_are_those_of_pytorch(two_gpus: pytest.MonkeyPatch):
     assert named == {"cpu": "cpu", "auto": "cuda:0", "cuda": "cuda:0", "cuda:1": "cuda:1"}
 
 
-@pytest.mark.parametrize("name", ["gpu", "cuda:x", "cuda:-1", "cpu:0", "CUDA", ""])
+@pytest.mark.parametrize("name", ["gpu", "cuda:x", "cuda:-1", "cuda:²", "cpu:0", "CUDA", ""])
 def test_unknown_names_are_refused_with_the_valid_ones(name: str):
     with pytest.raises(DeviceError, match=r"device = '.*': choose auto, cpu, cuda, or a GPU by its number, such as"):
         resolve_device(name)

@@ -108,3 +108,24 @@ def test_two_processes_that_store_two_signatures_at_once_find_their_own_or_none(
     assert other.load("float64") is None
     other.save("float64", "code for float64")
     assert [one.load(key) for key in ("int64", "float64")] == ["code for int64", "code for float64"]
+
+
+OUTSIDE = """
+from thalweg.core.compute import jit
+
+@jit.kernel
+def scaled(x):
+    return x * {factor}
+
+print(scaled(21.0), sum(scaled.stats.cache_hits.values()))
+"""
+
+
+def test_a_kernel_outside_the_package_is_compiled_again_when_its_file_changes(tmp_path: Path):
+    file, env = tmp_path / "own.py", {**os.environ, "THALWEG_CACHE": str(tmp_path / "cache")}
+    printed = []
+    for factor in (2.0, 2.0, 3.0):  # a constant is no part of the bytecode, by which Numba tells functions apart
+        file.write_text(OUTSIDE.format(factor=factor))
+        done = subprocess.run([sys.executable, file], env=env, capture_output=True, text=True, check=True)
+        printed.append(done.stdout.split())
+    assert printed == [["42.0", "0"], ["42.0", "1"], ["63.0", "0"]]

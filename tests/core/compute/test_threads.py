@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -232,3 +233,21 @@ def test_forked_workers_of_a_registered_id_step_as_the_environment_does_here():
     np.testing.assert_array_equal(reset[0], first)
     np.testing.assert_array_equal(stepped[0], second)
     assert rewards[0] == reward
+
+
+def test_an_error_of_the_calling_thread_is_raised_after_the_others_have_ended():
+    if get_num_threads() < 2:
+        pytest.skip("one thread")
+    started, ended = threading.Event(), []
+
+    def work(first: int, last: int) -> None:
+        if first == 0:
+            assert started.wait(60)
+            raise ValueError("job 0")
+        started.set()
+        time.sleep(0.2)
+        ended.append(first)
+
+    with pytest.raises(ValueError, match="job 0"):
+        run_in_threads(2, work)
+    assert ended == [1]

@@ -347,3 +347,13 @@ def test_gymnasium_makes_environments_that_change_river():
     assert env.river_names == ["Medium-1", "Medium-2"]
     assert set(rivers_flown(env, 100).ravel()) == {0, 1}
     env.close()
+
+
+def test_closing_ends_what_runs_in_the_background():
+    env = make(2, in_memory=6)
+    env.reset(seed=0)
+    rivers_flown(env, 20)
+    assert isinstance(env.rivers, DrawnRivers) and env.rivers.pool._worker is not None
+    thread = env.rivers.pool._worker._thread
+    env.close()
+    assert not thread.is_alive()

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +26,12 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("THALWEG_CACHE", str(tmp_path))
 
 
+def fail_after(seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let who still waits for the process then fail, long before waiting itself is given up."""
+    until = time.monotonic() + seconds
+    monkeypatch.setattr(build_ahead.time, "sleep", lambda _: time.monotonic() < until or pytest.fail("it still waits"))
+
+
 @pytest.mark.slow
 def test_rivers_are_built_elsewhere_the_urgent_one_first():
     builder = BackgroundBuilder([(SMALL, seed) for seed in range(40)])
@@ -37,22 +44,24 @@ def test_rivers_are_built_elsewhere_the_urgent_one_first():
 
 
 @pytest.mark.slow
-def test_nobody_waits_for_a_process_that_was_killed():
+def test_nobody_waits_for_a_process_that_was_killed(monkeypatch: pytest.MonkeyPatch):
     builder = BackgroundBuilder([(SMALL, 1)])
     process = builder._process
     assert process is not None
     os.kill(process.pid, signal.SIGKILL)
+    fail_after(5.0, monkeypatch)
     builder.wait((SMALL, 1))
     builder.close()
     assert process.returncode == -signal.SIGKILL
 
 
 @pytest.mark.slow
-def test_nobody_waits_for_a_file_that_cannot_be_written(tmp_path: Path):
+def test_nobody_waits_for_a_file_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "worlds").write_text("in the way")
     builder = BackgroundBuilder([(SMALL, 1)])
     process = builder._process
     assert process is not None
+    fail_after(60.0, monkeypatch)  # the process itself takes seconds to start
     builder.wait((SMALL, 1))
     assert process.wait(60) == 1
     builder.close()

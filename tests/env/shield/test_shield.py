@@ -292,6 +292,8 @@ def test_bad_input_is_refused():
         shield.screen(ROW, mask.astype(float), np.ones(1), np.array([STAY]))
     with pytest.raises(ConfigError, match=r"heights \[1\], got uint8 \[1, 128, 128\] and \[2\]"):
         shield.screen(ROW, mask, np.ones(2), np.array([STAY]))
+    with pytest.raises(ConfigError, match=r"1 vehicles need log_probs \[1, 4, 3\], got \[4, 3\]"):
+        shield.screen(ROW, mask, np.ones(1), np.array([STAY]), np.zeros((4, 3)))
     with pytest.raises(ActionError, match="action 3 of environment 0"):
         shield.screen(ROW, mask, np.ones(1), np.array([[1, 1, 1, 3]]))
     with pytest.raises(ConfigError, match="multidiscrete"):

@@ -104,3 +104,12 @@ def test_a_folder_that_cannot_be_written_costs_time_and_not_the_maps(world, bake
     lit = np.ones((4, 4, 3))
     assert_equal(baked_maps.baked_maps(world, SUN, TOP, lit), maps(1))
     assert_equal(baked_maps.baked_maps(world, SUN, TOP, lit), maps(2))
+
+
+def test_maps_that_other_code_or_another_numpy_baked_are_not_read(world, baked, tmp_path, monkeypatch):
+    lit = np.ones((4, 4, 3))
+    for code, library in (("a", "1"), ("b", "1"), ("a", "2"), ("a", "1")):
+        monkeypatch.setattr(baked_maps, "kernel_cache_dir", lambda code=code: tmp_path / code)
+        monkeypatch.setattr(np, "__version__", library)
+        baked_maps.baked_maps(world, SUN, TOP, lit)
+    assert len(baked) == 3

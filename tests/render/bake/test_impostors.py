@@ -287,3 +287,8 @@ def test_shared_atlas_cannot_be_written_to(folder, atlas, monkeypatch):
     monkeypatch.setattr(impostors, "build", lambda elevation: atlas)
     with pytest.raises(ValueError, match="read-only"):
         impostors.atlas(ELEVATION).texels[0] = 0
+
+
+def test_the_name_of_an_atlas_covers_the_code_that_compiles_and_draws_it():
+    parts = ("core/compute/jit.py", "core/compute/kernel_compiler.py", "world/species.py", "render/bake/trees.py")
+    assert {impostors.PACKAGE / part for part in parts} <= set(impostors.SOURCES)

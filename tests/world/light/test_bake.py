@@ -302,10 +302,12 @@ def test_result_is_the_same_for_any_number_of_threads():
     before = get_num_threads()
     if before == 1:
         pytest.skip("there is one thread only")
-    for threads in (1, before):
-        set_num_threads(threads)
-        results.append(bake(grid, ground, water, plants, BRIDGE, 2.0, 0.96))
-    set_num_threads(before)
+    try:
+        for threads in (1, before):
+            set_num_threads(threads)
+            results.append(bake(grid, ground, water, plants, BRIDGE, 2.0, 0.96))
+    finally:
+        set_num_threads(before)
     for name in ("sun", "sky", "canopy_m", "plant_light"):
         assert np.array_equal(getattr(results[0], name), getattr(results[1], name)), name
 

@@ -32,7 +32,7 @@ def resolve_device(name: Any) -> str:
     if name == "auto":
         return "cpu" if cuda_unavailable_reason() else "cuda:0"
     kind, _, number = name.partition(":")
-    if kind not in ("cpu", "cuda") or (number and not (kind == "cuda" and number.isdigit())):
+    if kind not in ("cpu", "cuda") or (number and not (kind == "cuda" and number.isdecimal())):
         raise DeviceError(f"device = {name!r}: choose auto, cpu, cuda, or a GPU by its number, such as cuda:1")
     if kind == "cpu":
         return "cpu"

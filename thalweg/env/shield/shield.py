@@ -103,8 +103,8 @@ class Shield:
             actions: [K, 4] integers, their proposed moves.
             log_probs: [K, 4, 3] float64, or None.
 
-        Raises `ConfigError` for rows as in `begin`, masks or heights of another shape, or a height that is not finite,
-        and `ActionError` for a bad action.
+        Raises `ConfigError` for rows as in `begin`, masks, heights or log_probs of another shape, or a height that is
+        not finite, and `ActionError` for a bad action.
         """
         rows = self._checked(rows)
         count = len(rows)
@@ -116,6 +116,8 @@ class Shield:
         heights = np.ascontiguousarray(heights, np.float64)
         if not np.isfinite(heights).all():
             raise ConfigError(f"heights must be finite, not {heights.tolist()}")
+        if log_probs is not None and np.shape(log_probs) != (count, 4, 3):
+            raise ConfigError(f"{count} vehicles need log_probs [{count}, 4, 3], got {list(np.shape(log_probs))}")
         proposed = to_unit_actions("multidiscrete", actions, count)
         worths = np.zeros((count, len(MOVES_FLOAT64)))
         if log_probs is not None:

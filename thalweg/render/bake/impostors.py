@@ -38,7 +38,7 @@ MOST_GAIN = 1.8
 FINE = 2
 """Samples along each side of a texel of level 0."""
 SOURCES = (
-    PACKAGE / "core" / "compute" / "jit.py",
+    *(PACKAGE / "core" / "compute" / name for name in ("jit.py", "kernel_compiler.py")),
     PACKAGE / "world" / "species.py",
     *Path(__file__).parent.glob("*.py"),
 )

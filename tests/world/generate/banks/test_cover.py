@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from tests.world.generate.banks import straight
+from thalweg.world.generate.banks import cover
 from thalweg.world.generate.banks.cover import BELT_DEPTH_M, ROW_M
 from thalweg.world.generate.banks.surface import PAVED_M
 from thalweg.world.species import KINDS
@@ -52,8 +53,10 @@ def test_reeds_stand_in_a_belt_on_both_sides_of_the_edge(banks):
     assert max(depth) < BELT_DEPTH_M + 0.05
 
 
-def test_reeds_leave_the_middle_of_a_narrow_river_free(banks):
-    assert np.nanmin(away(banks["reeds"].plants)) > -0.5 * straight.HALF_M
+def test_reeds_take_no_more_than_a_share_of_a_river_from_either_side(forest, monkeypatch):
+    monkeypatch.setattr(cover, "BELT_M", (3.0, 2.3))  # as wide as the water would let them
+    d = away(straight.laid("reeds", forest).plants)
+    assert np.nanmin(d) > -0.12 * 2 * straight.HALF_M - 0.2  # a node is 0.25 m wide
 
 
 def test_a_quay_has_a_row_of_trees_and_nothing_on_the_pavement(banks):

@@ -6,12 +6,16 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.cli.calibration import LENS
+from tests.env.handmade import ring
 from tests.image_policies import image_policy
 from thalweg.bench.evaluate.baselines import BASELINES
+from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import Episode, read_episodes
+from thalweg.bench.evaluate.evaluation import Label
 from thalweg.bench.evaluate.functions import FunctionPolicy
 from thalweg.bench.report.result_tables import paper_table
 from thalweg.bench.results.results import Results
@@ -238,3 +242,26 @@ def test_a_function_is_shown_frames_of_any_size(tmp_path: Path, easy_world: Worl
     (tmp_path / "mine.py").write_text(seen)
     command = ["evaluate", f"{tmp_path}/mine.py:fly", "--levels", "easy", "--episodes", "1"]
     assert main([*command, "--camera", "height_px=24", "width_px=48"]) == 0
+
+
+def test_options_of_evaluations_are_obeyed(monkeypatch: pytest.MonkeyPatch):
+    policy = SimpleNamespace(sees="nothing", greedy=True, about=SimpleNamespace(context={}))
+    told: list[Any] = []
+
+    def evaluate(policy: Any, course: Course, label: Label, config: EvaluationConfig, **_: Any) -> list[Episode]:
+        told.append((policy.greedy, course.looks is not None, label.seed, config.starts_seed))
+        return []
+
+    monkeypatch.setattr("thalweg.cli.evaluate.load_named_policy", lambda *_: policy)
+    monkeypatch.setattr("thalweg.cli.evaluate._encoder_for", lambda *_: None)
+    monkeypatch.setattr(
+        "thalweg.cli.evaluate._courses", lambda _, config, river, drawn: ([Course.on(ring(), config)], river)
+    )
+    monkeypatch.setattr(Course, "varied", lambda course, *_: replace(course, looks=np.zeros(len(course.starts))))
+    monkeypatch.setattr("thalweg.bench.evaluate.evaluation.observation_function", lambda *_, **__: None)
+    monkeypatch.setattr("thalweg.bench.evaluate.evaluation.evaluate", evaluate)
+    monkeypatch.setattr("thalweg.cli.tables.print_tables", lambda *_, **__: None)
+    assert main(["evaluate", "mine", "--levels", "Easy"]) == 0
+    options = ["--seed", "7", "--starts-seed", "5", "--sample", "--randomise"]
+    assert main(["evaluate", "mine", "--levels", "Easy", *options]) == 0
+    assert told == [(True, False, 0, 0), (False, True, 7, 5)]

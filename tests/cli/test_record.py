@@ -259,3 +259,9 @@ def test_a_wrong_option_is_refused_before_anything_is_flown(
     assert main(["record", "pilot", *options]) == 2
     assert error in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_flights_take_the_chosen_rivers_in_turn(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(Record, "cockpits", lambda *given: iter(given[3]))
+    record = Record("pilot", out=Path("flights"), episodes=3, world_seeds=("7", "9"), seed=5)
+    assert list(record._flights(1)) == [{"seed": 6, "world_seed": 9}, {"seed": 7, "world_seed": 7}]

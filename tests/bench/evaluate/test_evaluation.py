@@ -9,14 +9,15 @@ import pytest
 import torch
 
 from tests.env import handmade
+from tests.env.flights import FORWARD
 from thalweg.algos import Policy
 from thalweg.algos.policy.actions import actions_of
 from thalweg.algos.policy.networks import NetworkShape
 from thalweg.algos.policy.policy_file import About
-from thalweg.bench.evaluate.baselines import BASELINES, sight_of
+from thalweg.bench.evaluate.baselines import BASELINES, Constant, sight_of
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import REASONS, read_episodes, write_episodes
-from thalweg.bench.evaluate.evaluation import Label, Step, encoded_frames, evaluate
+from thalweg.bench.evaluate.evaluation import Label, Step, encoded_frames, evaluate, start_env
 from thalweg.core import versions
 from thalweg.env import EnvConfig, RiverVectorEnv, sample_starts
 from thalweg.render import Camera
@@ -260,3 +261,25 @@ def test_in_portage_what_lies_ahead_is_the_way_to_the_station():
     rules = EnvConfig(task="Portage", observation="none", max_steps=4)
     rows = evaluate(BASELINES["forward"], ahead, LABEL, EvaluationConfig(episodes=2, env=rules))
     assert [row.ahead for row in rows] == pytest.approx([4 / 17.5, 4 / 17.5])
+
+
+def test_the_cost_of_an_episode_is_of_all_kinds():
+    config = EvaluationConfig(4, env=EnvConfig(observation="none", task="RacingLine"))
+    course = Course.on(handmade.ring(), config)
+    env, flying, costs = start_env(course, config), np.ones(4, bool), np.zeros((4, 3))
+    while flying.any():
+        *_, terminated, truncated, info = env.step(np.tile(FORWARD, (4, 1)))
+        costs[flying] += info["costs"][flying]
+        flying &= ~(terminated | truncated)
+    rows = evaluate(Constant(FORWARD), course, Label("ahead", 0, "Easy"), config)
+    assert [row.cost for row in rows] == pytest.approx(costs.sum(1))
+    assert [row.tight + row.loose for row in rows] == pytest.approx(costs[:, :2].sum(1))
+    assert costs[:, 2].max() > 0
+
+
+def test_each_start_has_its_own_scene_whichever_others_are_flown():
+    config = EvaluationConfig(3, env=EnvConfig(observation="none", task="Swimmers"))
+    course = Course.on(handmade.ring(), config)
+    scenes = start_env(course, config).get_state()["scene"]
+    assert len(set(scenes.tolist())) == 3
+    np.testing.assert_array_equal(start_env(course.those([0, 2]), config).get_state()["scene"], scenes[[0, 2]])

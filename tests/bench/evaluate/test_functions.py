@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES, Constant, sight_of
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
 from thalweg.bench.evaluate.episodes import read_episodes, write_episodes
-from thalweg.bench.evaluate.evaluation import Label, evaluate
+from thalweg.bench.evaluate.evaluation import Label, evaluate, player_of
 from thalweg.bench.evaluate.functions import FunctionPolicy, is_reference
 from thalweg.core.plugins.record import PluginError
 from thalweg.env import EnvConfig, RiverVectorEnv
@@ -218,3 +219,9 @@ def test_references_are_told_from_paths(tmp_path: Path):
     ]  # fmt: skip
     (tmp_path / "run:one").mkdir()
     assert not is_reference(str(tmp_path / "run:one"))
+
+
+@pytest.mark.parametrize(("option", "unit"), [(0, 1.0), (1, 0.0), (2, -1.0)])
+def test_an_option_is_the_same_move_in_continuous_actions(option: int, unit: float):
+    player = player_of(Constant((option,) * 4), torch.Generator(), env=EnvConfig(action="continuous"))
+    assert player(np.zeros((1, 0), np.float32), np.ones(1, bool)).tolist() == [[unit] * 4]

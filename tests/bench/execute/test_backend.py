@@ -375,3 +375,17 @@ def test_machines_compare_every_version_that_results_record():
         banks=True,
     )
     assert {*recorded, *current_versions("baseline", [STEADY])} <= {*installed_versions()}
+
+
+def test_stages_are_trained_with_their_presets_and_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    told: list[Any] = []
+
+    def train(ground: RiverTraining, algorithm: str, encoder: Any, **options: Any) -> None:
+        told.append((ground.num_envs, options["preset"], options["settings"]))
+
+    monkeypatch.setattr(RiverTraining, "train", train)
+    monkeypatch.setattr(backend, "load_compatible_encoder", lambda _: None)
+    before = (Stage("FOCOPS", "Easy", 20_000, "paper", settings={"cost_limit": 0.3}),)
+    suite = Suite("tiny", (Arm("FOCOPS", "paper", before=before, name="two"),), num_envs=8)
+    RiverBackend(suite).train(Run("train", "two", 0), tmp_path)
+    assert told == [(8, "paper", {"cost_limit": 0.3}), (8, "paper", None)]

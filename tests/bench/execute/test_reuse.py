@@ -158,3 +158,9 @@ def test_rivers_are_trained_on_once_and_other_settings_are_refused(tmp_path: Pat
     }
     assert policies["same"] == policies["one"] != policies["other"]
     assert [row.steps for row in read_runs(tmp_path / "other")] == [512]
+
+
+def test_results_are_not_taken_from_the_folder_itself(tmp_path: Path):
+    run_suite(SUITE, tmp_path, SmallBackend())
+    with pytest.raises(ResultsError, match="holds no results of another suite"):
+        run_suite(SUITE, tmp_path, SmallBackend(), reuse=tmp_path)

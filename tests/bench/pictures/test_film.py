@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import imageio_ffmpeg
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.env.handmade import ring
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.course import Course, EvaluationConfig
@@ -185,3 +187,31 @@ def test_returns_of_open_courses_are_not_compared_with_ten(
         flight, returns=np.array([0.0, 0.5, 1.0]), episode=replace(flight.episode, ahead=ahead, return_=1.25)
     )
     assert [film._caption(easy_world, flight, index)[1] for index in (1, 2)] == [during, end]
+
+
+def test_the_poster_is_the_picture_that_shows_the_river_best(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    masks = np.zeros((3, 30, 30), np.uint8)
+    masks[1, :, 10:20] = 255
+    pictures = [picture_with(mask, SMALL) for mask in masks]
+    monkeypatch.setattr(film, "film_frames", lambda *_: iter(pictures))
+    flight: Any = SimpleNamespace(poses=np.zeros((3, 4)))
+    film.write_film(tmp_path / "film.mp4", ring(), flight, "pilot", shape=SMALL)
+    with Image.open(tmp_path / "film.jpg") as poster:
+        assert film.shows_river(np.asarray(poster), SMALL) > 0.5
+
+
+def test_a_film_shows_what_moved_and_the_wind_of_each_step(monkeypatch: pytest.MonkeyPatch):
+    drawn: list[Any] = []
+
+    class Draws:
+        def __init__(self, *_: Any) -> None: ...
+
+        def render(self, *_: Any, **given: Any) -> np.ndarray:
+            drawn.append({name: values.tolist() for name, values in given.items()})
+            return np.zeros((1, 2, 2, 4), np.uint8)
+
+    monkeypatch.setattr(film, "Renderer", Draws)
+    props, wind = np.arange(12, dtype=np.float32).reshape(2, 1, 6), np.array([[1.0, 2.0], [3.0, 4.0]])
+    flight: Any = SimpleNamespace(poses=np.zeros((2, 4)), time_s=np.zeros(2), props=props, wind=wind)
+    film.drawn_by(ring(), flight, Camera(16, 16))(1)
+    assert drawn == [{"props": props[1:].tolist(), "wind": [[3.0, 4.0]]}]

@@ -1,5 +1,7 @@
 """Tests of summaries and training curves on numbers computed by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,9 @@ def test_regret_is_what_blocks_of_episodes_cost_beyond_the_limit():
     assert regret(log, 0.1) == pytest.approx(22.0 / 120)
     assert regret(log, 1.0) == 0.0
     assert np.isnan(regret(TrainingLog("PPO", 0, *[np.zeros(0)] * 4, 1000), 0.1))  # pyright: ignore
+
+
+def test_the_share_of_what_lay_ahead_is_a_mean_of_rows_that_all_have_it():
+    row = Episode("PPO", 0, "Easy", 1, 0, 0, 0, 5, 0, 1.0, 0.0, 0.0, 0.0, 9, "Idle", False, 0.5, ahead=0.25)
+    assert summarise([row, replace(row, ahead=0.75)]).ahead_mean == 0.5
+    assert summarise([row, replace(row, ahead=None)]).ahead_mean is None

@@ -6,6 +6,7 @@ import io
 import pickle
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,15 +15,18 @@ import pytest
 from rich.console import Console
 
 from tests.bench.small_backend import SUITE, SmallBackend
+from tests.bench.suite.test_rivers import LINE
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.execute.cluster import ray_executor as cluster
 from thalweg.bench.execute.cluster.node_task import RunRequest, RunUpdate
 from thalweg.bench.execute.cluster.ray_executor import RayExecutor
 from thalweg.bench.execute.cluster.run_archive import unpack
 from thalweg.bench.execute.executors import ExecutionContext
+from thalweg.bench.execute.river_files import OtherRiverError
 from thalweg.bench.execute.runner import run_suite
 from thalweg.bench.results.results import RunRow, read_runs
 from thalweg.bench.suite.arms import Run
+from thalweg.bench.suite.flown import Function
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 
@@ -166,3 +170,33 @@ def test_a_node_with_another_thalweg_stops_all(joins: Callable, tmp_path: Path, 
     with pytest.raises(ResultsError, match=f"{cause}; install the same Thalweg on every node"):
         run_suite(SUITE, tmp_path, SmallBackend(), executor=RayExecutor("auto"))
     assert read_runs(tmp_path) == []
+
+
+def test_functions_of_files_fly_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(cluster, "check_ray", lambda: None)
+    monkeypatch.setattr(cluster, "ray_connection", None)
+    (tmp_path / "mine.py").write_text("def ahead(obs):\n    return [1, 1, 0, 1]\n\n\nahead.version = 1\n")
+    suite = replace(SUITE, arms=(), baselines=(), policies=(Function(f"{tmp_path / 'mine.py'}:ahead"),))
+    outcome = run_suite(suite, tmp_path / "results", SmallBackend(), executor=RayExecutor("auto"))
+    assert [(row.run, row.status) for row in outcome.runs] == [("ahead-0", "finished")]
+
+
+def test_a_node_with_another_file_of_a_river_stops_all(joins: Callable, tmp_path: Path):
+    joins(StandIn(lambda _: iter([Told(OtherRiverError("node a has another file"))])))
+    with pytest.raises(ResultsError, match=r"^node a has another file$"):
+        run_suite(SUITE, tmp_path, SmallBackend(), executor=RayExecutor("auto"))
+
+
+def test_a_file_that_is_edited_meanwhile_is_not_sent(joins: Callable, tmp_path: Path):
+    brook = tmp_path / "brook.geojson"
+    brook.write_text(LINE)
+    files = {"brook": {"file": str(brook), "width_m": 9.0}}
+    suite = replace(SUITE, train_level="brook", test_levels=("brook",), files=files)
+
+    def script(order: RunRequest) -> Iterator[RunUpdate]:
+        brook.write_text(LINE.replace("9.0012", "9.0013"))
+        yield RunUpdate("node7", None, RunRow(order.run.name, "train", "PPO", 0, 100, "finished"))
+
+    joins(StandIn(script))
+    with pytest.raises(ResultsError, match=r"brook\.geojson has changed since the suite in"):
+        run_suite(suite, tmp_path / "results", SmallBackend(), executor=RayExecutor("auto", jobs=1))

@@ -328,3 +328,9 @@ def test_new_episodes_count_else_the_last_fifty():
 def test_a_setting_that_makes_no_sense_is_refused_by_name(key: str, value: Any):
     with pytest.raises(AlgorithmError, match=key):
         MultiplierConfig(**{key: value})
+
+
+def test_the_reach_counts_the_steepest_growth_of_the_cost():
+    one = multiplier(0.5, multiplier_rate=0.1, multiplier_derivative=0.5)
+    # one step of 0.1 (1 - 0.5), and 0.5 times the growth from no cost to 1
+    assert one.reach(1, 1.0) == pytest.approx(0.55) == values(one, 0.0, 1.0)[-1]

@@ -139,3 +139,9 @@ def test_uniform_actions_reach_everything_alike():
     assert [(drawn[:, 1] == k).float().mean().item() for k in range(2)] == pytest.approx([1 / 2] * 2, abs=0.015)
     spread = continuous().actions.uniform(MANY, generator())
     assert spread.min() < -0.99 and spread.max() > 0.99 and abs(float(spread.mean())) < 0.01
+
+
+def test_exploration_fades_over_the_run_only_if_told():
+    for fades, expected in ((True, [1.0, 0.75, 0.0]), (False, [1.0, 1.0, 1.0])):
+        config = DeterministicConfig(exploration_fades=fades)
+        assert [config.exploration_at(progress) for progress in (0.0, 0.25, 1.0)] == expected

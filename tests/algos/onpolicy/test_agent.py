@@ -12,6 +12,7 @@ from tests.algos import rollouts
 from thalweg.algos import ALGORITHMS, AlgorithmError
 from thalweg.algos.interface import Rollout, Task
 from thalweg.algos.onpolicy.agent import Agent, cost_signals, reward_signal
+from thalweg.algos.onpolicy.kl_monitor import KLMonitor
 from thalweg.algos.onpolicy.ppo import PPOConfig
 from thalweg.algos.onpolicy.rollout_samples import Samples, Signal
 
@@ -257,3 +258,12 @@ def test_with_a_memory_what_acts_and_what_is_learnt_from_are_in_the_same_state()
         if number:
             assert torch.allclose(one._memory.starts["actor"], acted, atol=1e-6)
         assert torch.allclose(one._memory.starts["actor"], one._player.hidden, atol=1e-6)
+
+
+def test_the_clip_fraction_is_the_share_of_ratios_outside_the_range():
+    one = agent()
+    monitor = KLMonitor(one, samples(one, rollout(observations(1))))
+    ratio = torch.ones_like(monitor.old_log_prob)
+    ratio[:3] = torch.tensor([1.3, 0.7, 1.1])
+    monitor.log_prob = monitor.old_log_prob + ratio.log()
+    assert monitor.clip_fraction(0.2) == pytest.approx(2 / len(ratio))

@@ -16,6 +16,9 @@ from tests.algos.rollouts import feedback, rollout_of
 from thalweg.algos import ALGORITHMS, AlgorithmError
 from thalweg.algos.interface import Feedback, Rollout, Task
 from thalweg.algos.onpolicy.config import ConstrainedConfig, OnPolicyConfig
+from thalweg.algos.onpolicy.cpo import CPOConfig
+from thalweg.algos.onpolicy.natural_step import NaturalStep
+from thalweg.algos.onpolicy.p3o import P3OConfig
 
 N, T, D = 4, 64, 5
 SPACES = {"MultiDiscrete": gym.spaces.MultiDiscrete([3, 3]), "Discrete": gym.spaces.Discrete(3)}
@@ -226,3 +229,49 @@ def test_p3o_has_no_penalty_while_the_cost_is_below_the_limit():
         learner = learner_for("P3O", cost_limit=0.5, limit_scale="none", standardise_cost=False, penalty=20.0)
         metrics = learner.update(tempted(learner, 0), feedback(cost))
         assert (metrics["gate"] > 0.5) == open_ and (metrics["penalty"] > 1.0) == open_
+
+
+@pytest.mark.parametrize(("limit_scale", "factor"), [("length", 1 / 8), ("discount", 0.2), ("none", 1.0)])
+def test_p3o_scales_the_violation_of_an_episode_as_its_setting_says(limit_scale: str, factor: float):
+    settings = {"limit_scale": limit_scale, "cost_discount": 0.8, "standardise_cost": False}
+    learner = learner_for("P3O", cost_limit=0.5, penalty=2.0, learning_rate=0.0, **settings)
+    metrics = learner.update(tempted(learner, 0), feedback(0.9, length=8.0))
+    # The policy stays, so that the surrogate of centred advantages is 0 and κ k (J_c - d) is left.
+    assert metrics["penalty"] == pytest.approx(2.0 * factor * 0.4, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("cost", "shift", "accepted"),
+    [(0.0, 0.01, True), (0.0, 3.0, False), (0.0, -0.01, False), (5.0, -0.01, True), (5.0, 0.01, False)],
+)
+def test_cpo_accepts_what_keeps_the_limit_and_loses_nothing_unless_it_is_broken(
+    cost: float, shift: float, accepted: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """The option that pays and costs becomes more probable, or less."""
+    learner, asked = learner_for("CPO"), []
+    rollout = tempted(learner, 0)
+    chosen = (rollout.actions[..., 0] == 0).flatten().float()
+
+    def search(natural: NaturalStep, step: torch.Tensor, accepts: Any) -> int:
+        asked.append(accepts(natural._drift.old_log_prob + shift * chosen, 0.0))
+        return 0
+
+    monkeypatch.setattr(NaturalStep, "search", search)
+    learner.update(rollout, feedback(cost))
+    assert asked == [accepted]
+
+
+@pytest.mark.parametrize(
+    ("config", "settings", "words"),
+    [
+        (
+            P3OConfig,
+            {"limit_scale": "discount", "cost_discount": 1.0},
+            "cost_discount must be below 1 with",
+        ),
+        (CPOConfig, {"standardise_cost": True}, "standardise_cost must be off for CPO"),
+    ],
+)
+def test_settings_that_make_no_sense_together_are_refused(config: Any, settings: dict[str, Any], words: str):
+    with pytest.raises(AlgorithmError, match=words):
+        config(**settings)

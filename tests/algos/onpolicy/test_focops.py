@@ -1,5 +1,7 @@
 """The gradient of FOCOPS's loss inside and outside the trust region."""
 
+from typing import Any
+
 import pytest
 import torch
 
@@ -25,3 +27,12 @@ def test_outside_the_trust_region_only_the_entropy_has_a_gradient():
     entropy = -(p * p.log()).sum()
     assert little[1].numpy() == pytest.approx((0.01 / 2 * p * (p.log() + entropy)).numpy(), abs=1e-12)
     assert more[1].numpy() == pytest.approx(2 * little[1].numpy())
+
+
+@pytest.mark.parametrize(("mask", "wanted"), [("state", (0.01 - 4.0) / 2), ("batch", 0.01 / 2 - 0.5 * (4.0 + 8.0) / 2)])
+def test_the_mask_is_that_of_the_config(mask: Any, wanted: float):
+    # ρ A / λ is 2·3/1.5 = 4 and 4·3/1.5 = 8; the second state is outside
+    log_prob, none = torch.tensor([2.0, 4.0], dtype=torch.float64).log(), torch.zeros(2, dtype=torch.float64)
+    kl, advantages = torch.tensor([0.01, 0.5], dtype=torch.float64), torch.tensor([3.0, 3.0], dtype=torch.float64)
+    config = FOCOPSConfig(mask=mask, temperature=1.5, trust_radius=0.02, entropy=0.0)
+    assert policy_loss(config, log_prob, none, kl, advantages, none).item() == pytest.approx(wanted)

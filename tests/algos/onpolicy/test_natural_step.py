@@ -8,6 +8,7 @@ from torch.nn.utils import parameters_to_vector
 from tests.algos.rollouts import rollout_of
 from thalweg.algos.interface import Rollout, Task
 from thalweg.algos.maths import losses
+from thalweg.algos.maths.trust_region import natural_step
 from thalweg.algos.onpolicy.agent import Agent, reward_signal
 from thalweg.algos.onpolicy.config import NaturalConfig
 from thalweg.algos.onpolicy.kl_monitor import KLMonitor
@@ -162,3 +163,12 @@ def test_the_step_shrinks_to_zero_over_the_last_quarter_of_a_run(progress: float
 def test_from_a_rollout_cut_short_the_step_is_shorter(steps: int, share: float):
     _, _, natural, _ = place(SPACES["MultiDiscrete"], steps_per_update=steps)
     assert natural.radius == pytest.approx(0.02 * share)
+
+
+@pytest.mark.parametrize(("per_dimension", "refused"), [(False, True), (True, False)])
+def test_the_search_measures_the_kl_per_dimension_too(per_dimension: bool, refused: bool):
+    _, _, natural, advantages = place(SPACES["MultiDiscrete"], kl_per_dimension=per_dimension, trust_radius=1e-5)
+    gradient = natural.gradient(advantages)
+    along, share = natural.solve(gradient), 0.5 if per_dimension else 1.0
+    step = natural_step(float(gradient.dot(along)), 1.5e-5 * share) * along  # a KL of 1.5e-5, of two dimensions
+    assert (natural.search(step, lambda log_prob, imitation: True) > 0) == refused

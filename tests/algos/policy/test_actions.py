@@ -138,3 +138,9 @@ def test_a_box_with_bounds_of_0_changes_no_type_of_options():
     options = actions_of(gym.spaces.MultiDiscrete([3, 3]))
     assert box.env_actions(torch.tensor([[0.5, -2.0]])).dtype == torch.float64
     assert options.env_actions(torch.tensor([[2, 0]])).dtype == torch.int64
+
+
+def test_numbers_of_a_box_with_one_bound_are_clipped_and_not_stretched():
+    low, high = np.array([0.5, -np.inf], np.float32), np.array([np.inf, 0.5], np.float32)
+    found = actions_of(gym.spaces.Box(low, high)).to_numpy(torch.tensor([[-1.0, -3.0], [3.0, 2.0]]))
+    assert found.tolist() == [[0.5, -3.0], [3.0, 0.5]]

@@ -197,3 +197,12 @@ def test_a_policy_starts_only_from_one_with_the_same_eyes():
     with pytest.raises(AlgorithmError, match=r"filters is \(4, 6\) here and \(4, 8\) there"):
         policy().initialise_from(other)
     policy().initialise_from(policy())
+
+
+def test_a_corrected_player_counts_options_from_where_the_environment_counts():
+    actions = actions_of(gym.spaces.MultiDiscrete([3, 3], start=[1, -2]))
+    generator = torch.Generator().manual_seed(0)
+    player = Policy(EYES.pixels + 2, actions, NetworkShape((7,), eyes=EYES), generator=generator).player(1)
+    player(images(1), np.ones(1, bool))
+    player.correct(np.array([[3, -2]]))
+    assert player.state()["last"].tolist() == [[2, 0]]

@@ -245,4 +245,4 @@ def test_make_vec_passes_the_render_mode_on():
     options = {"worlds": ring(), "renderer": BlankRenderer(), "render_mode": "rgb_array"}
     env = gymnasium.make_vec("thalweg/Easy-v0", num_envs=2, **options)
     env.reset(seed=0)
-    assert [frame.shape for frame in env.render() or ()] == [(8, 8, 3)] * 2
+    assert [np.shape(frame) for frame in env.render() or ()] == [(8, 8, 3)] * 2

@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from thalweg.env.config import DEFAULT_CONFIG, REASON_NAMES, ConfigError, EnvConfig, integer_at_least
 from thalweg.env.episodes.episodes import Episodes
 from thalweg.env.episodes.info import final_info_of, info_of
-from thalweg.env.episodes.reset_arguments import autoreset_mode_of, rows_and_poses, seeds_of
+from thalweg.env.episodes.reset_arguments import autoreset_mode_of, first_seed, rows_and_poses, seeds_of
 from thalweg.env.forces.of_many import ForcesOfMany
 from thalweg.env.frame_renderer import FrameRenderer, Views
 from thalweg.env.given import check_config, worlds_of
@@ -169,8 +169,8 @@ class RiverVectorEnv(VectorEnv):
         # All generators are created before the first is replaced, so that a bad seed changes nothing.
         for row, generator in [(row, seeding.np_random(seeds[row])[0]) for row in reseeded]:
             self.episodes.reseed(row, generator)
-        if seed is not None and np.ndim(seed) == 0:
-            self._np_random, self._np_random_seed = seeding.np_random(int(seed))
+        if (first := first_seed(seed)) is not None:
+            self._np_random, self._np_random_seed = seeding.np_random(first)
         return self.start_episodes(rows, poses)
 
     def start_episodes(self, rows: Sequence[int], poses: np.ndarray | None) -> tuple[Any, dict[str, Any]]:

@@ -223,5 +223,7 @@ def test_references_are_told_from_paths(tmp_path: Path):
 
 @pytest.mark.parametrize(("option", "unit"), [(0, 1.0), (1, 0.0), (2, -1.0)])
 def test_an_option_is_the_same_move_in_continuous_actions(option: int, unit: float):
-    player = player_of(Constant((option,) * 4), torch.Generator(), env=EnvConfig(action="continuous"))
+    player = player_of(
+        Constant((option, option, option, option)), torch.Generator(), env=EnvConfig(action="continuous")
+    )
     assert player(np.zeros((1, 0), np.float32), np.ones(1, bool)).tolist() == [[unit] * 4]

@@ -23,12 +23,20 @@ def autoreset_mode_of(given: AutoresetMode | str) -> AutoresetMode:
     raise ConfigError(f"unknown autoreset_mode {given!r}; known: {', '.join(mode.name for mode in AutoresetMode)}")
 
 
+def first_seed(seed: int | Sequence[int | None] | None) -> int | None:
+    """Return the seed if one is given for all environments, None if a list or nothing is; raises `ConfigError`."""
+    if seed is None:
+        return None
+    if isinstance(seed, str) or not hasattr(seed, "__len__") or getattr(seed, "shape", None) == ():
+        return integer_at_least("seed", seed, 0)
+    return None
+
+
 def seeds_of(seed: int | Sequence[int | None] | None, num_envs: int) -> Sequence[int | None]:
     """Return one seed or None per environment: seed + i, or those listed; raises `ConfigError` for anything else."""
     if seed is None:
         return [None] * num_envs
-    if isinstance(seed, str) or not hasattr(seed, "__len__") or getattr(seed, "shape", None) == ():
-        first = integer_at_least("seed", seed, 0)
+    if (first := first_seed(seed)) is not None:
         return [first + row for row in range(num_envs)]
     assert not isinstance(seed, int)
     if not (isinstance(seed, Sequence) or hasattr(seed, "shape")) or isinstance(seed, bytes):

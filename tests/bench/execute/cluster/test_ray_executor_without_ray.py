@@ -160,14 +160,19 @@ def test_a_run_is_restarted_as_long_as_it_makes_progress(
 
 
 @pytest.mark.parametrize(
-    "cause", [ResultsError("node a has another Thalweg"), ImportError("node a lacks this Thalweg")]
+    ("cause", "hint"),
+    [
+        (ResultsError("node a has another Thalweg"), "; install the same Thalweg on every node"),
+        (ImportError("node a lacks this Thalweg"), "; install the same Thalweg on every node"),
+        (OtherRiverError("node a has another file"), ""),
+    ],
 )
-def test_a_node_with_another_thalweg_stops_all(joins: Callable, tmp_path: Path, cause: Exception):
+def test_a_node_with_another_thalweg_or_river_stops_all(joins: Callable, tmp_path: Path, cause: Exception, hint: str):
     def script(order: RunRequest) -> Iterator[Any]:
         yield Told(cause)
 
     joins(StandIn(script))
-    with pytest.raises(ResultsError, match=f"{cause}; install the same Thalweg on every node"):
+    with pytest.raises(ResultsError, match=f"^{cause}{hint}$"):
         run_suite(SUITE, tmp_path, SmallBackend(), executor=RayExecutor("auto"))
     assert read_runs(tmp_path) == []
 
@@ -179,12 +184,6 @@ def test_functions_of_files_fly_here(tmp_path: Path, monkeypatch: pytest.MonkeyP
     suite = replace(SUITE, arms=(), baselines=(), policies=(Function(f"{tmp_path / 'mine.py'}:ahead"),))
     outcome = run_suite(suite, tmp_path / "results", SmallBackend(), executor=RayExecutor("auto"))
     assert [(row.run, row.status) for row in outcome.runs] == [("ahead-0", "finished")]
-
-
-def test_a_node_with_another_file_of_a_river_stops_all(joins: Callable, tmp_path: Path):
-    joins(StandIn(lambda _: iter([Told(OtherRiverError("node a has another file"))])))
-    with pytest.raises(ResultsError, match=r"^node a has another file$"):
-        run_suite(SUITE, tmp_path, SmallBackend(), executor=RayExecutor("auto"))
 
 
 def test_a_file_that_is_edited_meanwhile_is_not_sent(joins: Callable, tmp_path: Path):

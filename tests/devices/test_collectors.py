@@ -337,3 +337,18 @@ def test_rewards_of_reset_steps_are_ignored():
         collector.step(learner)  # pyright: ignore[reportArgumentType]
     rewards = collector.rollout().rewards
     assert rewards.isfinite().all() and not collector.rollout().valid.all()
+
+
+def test_costs_of_reset_steps_are_ignored():
+    class Odd(TensorWalk):
+        """Its costs are nonsense in the step that only resets."""
+
+        def step(self, actions: torch.Tensor) -> Any:
+            again = self.ended
+            *rest, info = super().step(actions)
+            info["costs"] = torch.where(again[:, None], torch.nan, info["costs"])
+            return *rest, info
+
+    (_, plain), (_, odd) = (taken(kind(N, SPACES["MultiDiscrete"], CPU), 1, False) for kind in (TensorWalk, Odd))
+    assert list(odd.statistics.recent) == list(plain.statistics.recent)
+    taken(Odd(N, SPACES["MultiDiscrete"], CPU), 1, True)

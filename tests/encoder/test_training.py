@@ -1,6 +1,7 @@
 """Tests of encoder training: learning, exact resumption, written files, and refused inputs."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -188,6 +189,7 @@ def test_mse_is_the_mean_over_everything(images, tmp_path):
     ("settings", "message"),
     [
         ({"epochs": 0}, "epochs must be at least 1 and batch at least 3, not 0 and 16"),
+        ({"seed": -1}, "seed must be 0 or more, not -1"),
         ({"batch": 1}, "not 4 and 1"),
         ({"held_out": 59}, "of 60 images, 59 can't be held out"),
         ({"precision": "float8"}, "unknown precision 'float8'; known: auto, float32, bfloat16"),
@@ -222,3 +224,10 @@ def test_a_folder_in_which_another_process_trains_is_refused(images, tmp_path):
     with ENCODER_FOLDER.locked(tmp_path), pytest.raises(EncoderFileError, match="another command is writing to"):
         train(images, tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_an_encoder_is_trained_in_the_precision_that_is_asked_for(images: np.ndarray, tmp_path: Path):
+    kinds = ("float32", "bfloat16")
+    found = [load_file(train(images, tmp_path / kind, epochs=1, precision=kind).path) for kind in kinds]
+    assert not torch.equal(*(tensors["mean.weight"] for tensors in found))

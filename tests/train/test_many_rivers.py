@@ -67,7 +67,7 @@ def test_a_run_on_changing_rivers_resumes_to_the_same_numbers(
     train(Handmade, "whole")
     with pytest.raises(Stop):
         train(stopping_at(stop), "broken")
-    assert train(Handmade, "broken").resumed_from == (stop - 1) * 2 // 64 * 64 or stop == 33
+    assert train(Handmade, "broken").resumed_from == (stop - 1) * 2 // 64 * 64
     for name in ("episodes.csv", "policy.safetensors"):
         assert (tmp_path / "broken" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
     with open(tmp_path / "whole" / "episodes.csv") as file:

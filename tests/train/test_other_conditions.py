@@ -31,3 +31,20 @@ def test_a_run_from_before_the_fast_path_was_recorded_resumes_without_a_warning(
     with warnings.catch_warnings():
         warnings.simplefilter("error", ResumeWarning)
         assert train(begun).resumed_from == 512
+
+
+@pytest.mark.parametrize(
+    ("place", "changes", "words"),
+    [
+        ("machine", {"learning_threads": 7}, r"'threads': 7.* resumes with .*'threads': 1"),
+        ("versions", {"numpy": "0.1"}, r"'numpy': '0\.1'.* resumes with"),
+    ],
+)
+def test_a_run_that_resumes_with_other_threads_or_packages_is_warned_of(
+    place: str, changes: dict, words: str, begun: Path
+):
+    config = yaml.safe_load((begun / "config.yaml").read_text())
+    config[place] |= changes
+    (begun / "config.yaml").write_text(yaml.safe_dump(config))
+    with pytest.warns(ResumeWarning, match=words):
+        assert train(begun).resumed_from == 512

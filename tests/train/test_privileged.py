@@ -187,3 +187,11 @@ def test_a_run_on_frames_does_not_resume_on_the_privileged_observation(tmp_path:
     monkeypatch.setattr(RiverTraining, "_context", lambda *_: context)
     with pytest.raises(TrainingError, match=r"context\.observation is 'privileged' there and absent here"):
         train(tmp_path, steps=64)
+
+
+@pytest.mark.parametrize("name", ["tasks", "vehicles", "props"])
+def test_a_policy_of_another_version_is_refused(name: str):
+    policy = policy_with(37, PRIVILEGED | {f"{name}_version": 0})
+    now = getattr(versions, name.upper())
+    with pytest.raises(TrainingError, match=f"trained on version 0 of the {name}, but this is version {now}; train"):
+        check_policy_fits(policy, None)

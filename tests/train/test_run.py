@@ -402,7 +402,7 @@ def test_a_preset_is_resolved_and_written_down_and_settings_go_on_top(tmp_path):
     assert (config["minibatch"], config["passes"]) == (64, 2)
 
 
-def test_the_bar_shows_and_is_gone_afterwards(tmp_path, capsys):
+def test_the_bar_shows_the_algorithm_and_the_seed(tmp_path, capsys):
     train(tmp_path, progress=True, steps=300)
     assert "FOCOPS, seed 3" in capsys.readouterr().err
 

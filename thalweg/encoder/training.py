@@ -106,6 +106,8 @@ def train_encoder(
         check_images(images, config, held_out)
     if epochs < 1 or batch < 3:  # parts of nearly equal size then have two images each, which batch norms need
         raise EncoderInputError(f"epochs must be at least 1 and batch at least 3, not {epochs} and {batch}")
+    if seed < 0:
+        raise EncoderInputError(f"seed must be 0 or more, not {seed}")
     folder, precision = Path(folder), resolve_precision(precision, device)
     keep_freed_memory()
     with ENCODER_FOLDER.locked(folder):

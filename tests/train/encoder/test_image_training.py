@@ -10,7 +10,9 @@ from thalweg.core import versions
 from thalweg.encoder import EncoderFileError, TrainingResult, VAEConfig
 from thalweg.encoder.files import read_tensors, write_tensors
 from thalweg.encoder.training import ENCODER_FOLDER, resolve_precision
+from thalweg.render import Camera
 from thalweg.train.encoder import frames as frame_collection
+from thalweg.train.encoder.drawing import Drawing
 from thalweg.train.encoder.training import collect_and_train
 from thalweg.world import Reach
 
@@ -125,3 +127,20 @@ def test_the_size_of_a_code_has_a_limit():
     assert VAEConfig(latent=4096).latent == 4096
     with pytest.raises(ValueError, match="latent must be a whole number from 1 to 4096, got 1000000000"):
         VAEConfig(latent=10**9)
+
+
+def test_frames_are_collected_as_the_settings_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    asked: dict[str, Any] = {}
+
+    def noise(count: int, **given: Any) -> np.ndarray:
+        asked.update(given, count=count)
+        return np.random.default_rng(0).integers(256, size=(count, 48, 48, 4), dtype=np.uint8)
+
+    monkeypatch.setattr(frame_collection, "collect_frames", noise)
+    drawing = Drawing(Camera(48, 48), "fast", randomise=True)
+    given: dict[str, Any] = {"level": "easy", "world_seeds": "3:5", "seed": 4, "drawing": drawing}
+    collect_and_train(tmp_path, VAEConfig(latent=4, size_px=48), images=6, held_out=2, epochs=1, **given)
+    assert asked == {
+        "count": 8, "level": "Easy", "seed": 4, "world_seeds": (3, 4),
+        "camera": drawing.camera, "quality": "fast", "randomisation": drawing.randomisation,
+    }  # fmt: skip

@@ -25,6 +25,7 @@ from thalweg.train.encoder import geometry
 from thalweg.train.encoder.geometry import GeometryTraining, geometry_config, half_mirrored
 from thalweg.train.encoder.targets import TASK_TARGETS, targets_of
 from thalweg.train.encoder.views import STATION_AHEAD_M, KnownViews, draw_views, flight_views, start_views
+from thalweg.train.flip import flipped
 from thalweg.world import World
 
 ALL = tuple(TASKS)
@@ -238,3 +239,21 @@ def test_tasks_are_refused_before_anything_is_drawn(tmp_path: Path, capsys: pyte
         assert main(["encoder", "train", "--out", str(tmp_path / "new"), *given]) != 0
         assert told in " ".join(capsys.readouterr().err.split())
     assert not (tmp_path / "new").exists()
+
+
+def test_each_epoch_is_drawn_anew_and_learnt_from_in_every_pass(painted: None, tmp_path: Path):
+    lessons = geometry.RiverLessons(toy(tmp_path, ("River",), passes=3))
+    first, again, other = (list(lessons.draw(epoch)) for epoch in (0, 0, 1))
+    assert len(first) == len(other) == 3
+    for one, same in zip(first, again, strict=True):
+        assert np.array_equal(one.frames, same.frames) and np.array_equal(one.truths, same.truths)
+    turned = []
+    for each in first[1:]:
+        here, there = (
+            (each.frames == frames).all(axis=(1, 2, 3)) for frames in (first[0].frames, flipped(first[0].frames))
+        )
+        assert (here | there).all()
+        turned.append(there.mean())
+    assert all(0.2 < share < 0.8 for share in turned) and turned[0] != turned[1]
+    assert not np.array_equal(first[0].truths, other[0].truths)
+    assert not (other[0].frames == first[0].frames).all(axis=(1, 2, 3)).any()

@@ -194,6 +194,8 @@ def test_options_that_do_not_fit_are_refused_by_name(
 def test_numbers_and_seeds_that_do_not_fit_are_refused(tmp_path: Path):
     with pytest.raises(EncoderInputError, match="images must be at least 1, not 0"):
         training(tmp_path / "run", images=0).run()
+    with pytest.raises(EncoderInputError, match="seed must be 0 or more, not -1"):
+        training(tmp_path / "run", seed=-1).run()
     with pytest.raises(EncoderInputError, match="1000 is in both"):
         WaterTraining(tmp_path / "run", held_out_seeds=(1000,)).run()
     assert not (tmp_path / "run").exists()
@@ -203,3 +205,8 @@ def test_a_folder_in_which_another_process_trains_is_refused(tmp_path: Path, dra
     with WATER_FOLDER.locked(tmp_path), pytest.raises(EncoderFileError, match="another command is writing to"):
         training(tmp_path).run(progress=False)
     assert drawn == []
+
+
+def test_each_epoch_has_frames_of_its_own_and_so_has_the_judging(tmp_path: Path, drawn: list[int]):
+    training(tmp_path, epochs=3, images=4).run(progress=False)
+    assert len(set(drawn)) == 4

@@ -250,3 +250,30 @@ def test_the_command_refuses_options_of_flights(tmp_path: Path, capsys: pytest.C
     options = ["--recordings", str(tmp_path), "--out", str(tmp_path / "run")]
     assert main(["imitate", *options, "--levels", "Easy"]) == 2
     assert "--levels does not go with --recordings, where nothing is flown" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_a_share_of_what_is_drawn_is_mirrored_and_has_corrupted_masks(
+    share: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    learn, lessons = CloningTrainer.learn, []
+    monkeypatch.setattr(CloningTrainer, "learn", lambda own, lesson: lessons.append(lesson) or learn(own, lesson))
+    settings = SMALL | {"mirrored": share, "corrupted_masks": share}
+    Cloning(
+        tmp_path / "run", [recorded(tmp_path / "a", flight(20))], 32, sequences=8, settings=settings, threads=1
+    ).run()
+    (lesson,) = lessons
+    pixels = lesson.rows[..., :-4].reshape(4, 8, 128, 128, 4).numpy()
+    turns = MOVE_OPTIONS[lesson.worths.argmax(-1).numpy()][..., 1]
+    assert np.array_equal(pixels[..., 0, 0, 0] == 200, turns == (2 if share else 0))  # bright frames turn left
+    assert pixels[..., 3].any() == (share > 0)  # there is no water
+
+
+def test_backward_is_learnt_as_no_step_along(tmp_path: Path):
+    made, along = flight(4), np.array([0, 2, 1, 2])
+    options = np.ones((4, 4), np.int64)
+    options[:, 2] = along
+    stream = RecordedFlights([recorded(tmp_path / "a", replace(made, options=options))], "rgb+mask")
+    _, found = stream.draw(4, 1, np.random.default_rng(0))
+    assert MOVE_OPTIONS[found.worths[:, 0].argmax(axis=1)][:, 2].tolist() == [0, 1, 1, 1]
+    assert found.last[1:, 0, 2].tolist() == [0, 1, 1]

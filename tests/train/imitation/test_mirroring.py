@@ -89,3 +89,15 @@ def test_a_share_of_the_sequences_is_mirrored():
     assert not (after.worths == before.worths).all(axis=(0, 2))[begun].any()
     mirror(drawn, after, 0.0, rng)
     assert (after.fresh[0] == begun).all()
+
+
+def test_all_of_a_mirrored_sequence_is_mirrored():
+    rng = np.random.default_rng(0)
+    before, seen = sequences(rng, 3, 2), np.zeros((3, 2, 8, 8, 4), np.uint8)
+    after = copied(before)
+    mirror(seen, after, 1.0, rng)
+    aside = before.last[1:, :, [1, 3]]
+    assert np.array_equal(after.last[1:, :, [1, 3]], np.where(aside < 0, -1, 2 - aside))
+    assert np.array_equal(after.privileged, mirrored(before.privileged))
+    maps, there = (np.unpackbits(each.maps, axis=-1).reshape(3, 2, ROWS, COLUMNS) for each in (before, after))
+    assert np.array_equal(there, maps[..., ::-1])

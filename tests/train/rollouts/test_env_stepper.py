@@ -342,3 +342,46 @@ def test_the_lowest_cost_is_that_of_fifty_episodes_in_a_row():
 def test_before_any_episode_there_are_no_costs():
     new, recent, largest = EpisodeStatistics(8, [""] * 8).costs(separate=True)
     assert new.shape == recent.shape == (0, 2) and largest == (0.0, 0.0)
+
+
+def test_an_episode_that_ends_both_ways_is_terminated():
+    class Both(Count):
+        def step(self, action: Any) -> Any:
+            obs, reward, terminated, truncated, info = super().step(action)
+            return obs, reward, terminated or truncated, terminated or truncated, info
+
+    import gymnasium as gym
+
+    stepper = EnvStepper(gym.vector.SyncVectorEnv([lambda: Both(1)], autoreset_mode=AutoresetMode.SAME_STEP))
+    stepper.reset(0)
+    step = stepper.step(np.zeros(1, np.int64))
+    assert (step.terminated.tolist(), step.truncated.tolist(), step.finished.tolist()) == ([True], [False], [0])
+
+
+class Ends(Walk):
+    """Changes the last observations of episodes."""
+
+    def __init__(self, last: Any) -> None:
+        super().__init__()
+        self.last = last
+
+    def step(self, actions: Any) -> Any:
+        *rest, info = super().step(actions)
+        for env in np.flatnonzero(np.logical_or(*rest[2:])):
+            info["final_obs"][env] = self.last
+        return *rest, info
+
+
+@pytest.mark.parametrize(
+    ("last", "error", "words"),
+    [
+        (np.array([0.0, np.nan, 0.0]), NotFiniteError, "final_obs is not finite in rows"),
+        (np.zeros(2), TrainingError, r"final_obs must be vectors of 3 numbers, got shape \(2,\)"),
+    ],
+)
+def test_last_observations_that_cannot_be_learnt_from_are_refused(last: Any, error: type[Exception], words: str):
+    stepper = EnvStepper(Ends(last))
+    stepper.reset(0)
+    with pytest.raises(error, match=words):
+        for _ in range(20):
+            stepper.step(np.tile([2, 0], (4, 1)))

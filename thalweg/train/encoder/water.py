@@ -111,6 +111,8 @@ class WaterTraining:
         for name in ("images", "held_out", "epochs"):
             if getattr(self, name) < 1:
                 raise EncoderInputError(f"{name} must be at least 1, not {getattr(self, name)}")
+        if self.seed < 0:
+            raise EncoderInputError(f"seed must be 0 or more, not {self.seed}")
         self.grounds.check_seeds(self.world_seeds, self.held_out_seeds)
         if shared := set(self.world_seeds) & set(self.held_out_seeds):
             raise EncoderInputError(f"held_out_seeds must be others than world_seeds, but {min(shared)} is in both")

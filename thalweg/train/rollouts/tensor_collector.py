@@ -132,7 +132,7 @@ class TensorCollector:
         samples = {
             "actions": raw,
             "rewards": records["reward"],
-            "costs": costs_to_learn(learner, records["cost"], info.get("costs")) * valid[:, None],
+            "costs": torch.where(valid[:, None], costs_to_learn(learner, records["cost"], info.get("costs")), 0.0),
             "terminated": terminated,
             "truncated": truncated,
             "valid": valid,
@@ -226,7 +226,8 @@ def _records(info: dict[str, Tensor], reward: Tensor, valid: Tensor) -> dict[str
         )
     records = {name: torch.where(valid, value, 0.0) for name, value in (("reward", reward), ("cost", info["cost"]))}
     if info.get("costs") is not None:
-        records |= {"tight": info["costs"][:, 0] * valid, "loose": info["costs"][:, 1] * valid}
+        tight, loose = torch.where(valid[:, None], info["costs"][:, :2], 0.0).unbind(1)  # NaN times 0 is NaN
+        records |= {"tight": tight, "loose": loose}
     if "done_reason" in info:
         records["reasons"] = info["done_reason"]
     return records

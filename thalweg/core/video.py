@@ -151,8 +151,8 @@ def comment_of(path: Path) -> str:
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(path), "-f", "ffmetadata", "-"]
     told = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False).stdout
     lines = (line.partition("=") for line in told.decode(errors="replace").splitlines())
-    told = next((value for key, _, value in lines if key == "comment"), "")
-    return re.sub(r"\\(.)", r"\1", told)  # ffmpeg escapes = ; # and backslashes
+    comment = next((value for key, _, value in lines if key == "comment"), "")
+    return re.sub(r"\\(.)", r"\1", comment)  # ffmpeg escapes = ; # and backslashes
 
 
 def read_video(path: Path) -> Iterator[np.ndarray]:

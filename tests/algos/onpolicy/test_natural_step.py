@@ -166,7 +166,7 @@ def test_from_a_rollout_cut_short_the_step_is_shorter(steps: int, share: float):
 
 
 @pytest.mark.parametrize(("per_dimension", "refused"), [(False, True), (True, False)])
-def test_the_search_measures_the_kl_per_dimension_too(per_dimension: bool, refused: bool):
+def test_the_search_bounds_the_kl_per_dimension_if_told(per_dimension: bool, refused: bool):
     _, _, natural, advantages = place(SPACES["MultiDiscrete"], kl_per_dimension=per_dimension, trust_radius=1e-5)
     gradient = natural.gradient(advantages)
     along, share = natural.solve(gradient), 0.5 if per_dimension else 1.0

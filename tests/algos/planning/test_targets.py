@@ -32,7 +32,7 @@ def test_targets_contain_alpha_times_the_entropy_only_if_told(
 
 @pytest.mark.parametrize("name", PLANNERS)
 def test_the_targets_of_critics_are_held_within_the_bounds(name: str):
-    """Critics begin near 0; what a state is worth is held at 50 or more, if anything holds it."""
+    """Critics begin near 0: targets within the bounds are at least 50, others near 0."""
     found = {}
     for bounded in (True, False):
         learner = learner_for(name, return_bounds=(50.0, 60.0), bound_targets=bounded, critic_learning_rate=0.0)

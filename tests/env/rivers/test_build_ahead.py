@@ -27,9 +27,14 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def fail_after(seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let who still waits for the process then fail, long before waiting itself is given up."""
-    until = time.monotonic() + seconds
-    monkeypatch.setattr(build_ahead.time, "sleep", lambda _: time.monotonic() < until or pytest.fail("it still waits"))
+    """Make `wait` fail the test if it takes longer than `seconds`."""
+    until, sleep = time.monotonic() + seconds, time.sleep
+
+    def checked(pause_s: float) -> None:
+        assert time.monotonic() < until, "it still waits"
+        sleep(pause_s)
+
+    monkeypatch.setattr(build_ahead.time, "sleep", checked)
 
 
 @pytest.mark.slow

@@ -350,15 +350,13 @@ def test_an_episode_that_ends_both_ways_is_terminated():
             obs, reward, terminated, truncated, info = super().step(action)
             return obs, reward, terminated or truncated, terminated or truncated, info
 
-    import gymnasium as gym
-
     stepper = EnvStepper(gym.vector.SyncVectorEnv([lambda: Both(1)], autoreset_mode=AutoresetMode.SAME_STEP))
     stepper.reset(0)
     step = stepper.step(np.zeros(1, np.int64))
     assert (step.terminated.tolist(), step.truncated.tolist(), step.finished.tolist()) == ([True], [False], [0])
 
 
-class Ends(Walk):
+class OtherLastObservation(Walk):
     """Changes the last observations of episodes."""
 
     def __init__(self, last: Any) -> None:
@@ -380,7 +378,7 @@ class Ends(Walk):
     ],
 )
 def test_last_observations_that_cannot_be_learnt_from_are_refused(last: Any, error: type[Exception], words: str):
-    stepper = EnvStepper(Ends(last))
+    stepper = EnvStepper(OtherLastObservation(last))
     stepper.reset(0)
     with pytest.raises(error, match=words):
         for _ in range(20):

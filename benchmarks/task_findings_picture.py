@@ -19,7 +19,7 @@ from thalweg.bench.report.price_figures import MARKERS
 
 SHADE = "0.55"
 """Grey of limits and of markers in the legend."""
-COLOURS_KEPT = 96
+COLOURS_KEPT = 256
 """Colours of the picture's palette."""
 POINTS = 400
 """Points of the line of a front, which is bent on an axis that is not linear."""

@@ -8,7 +8,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from PIL import Image
 
 from tests.bench.report.small_results import flights
@@ -300,3 +302,13 @@ def test_the_committed_page_shows_the_committed_results(script: ModuleType):
     assert page == script.written_page(page, script.read_studies(), seeing), (
         "python benchmarks/task_findings.py writes it"
     )
+
+
+def test_every_algorithm_keeps_its_colour_in_the_committed_picture(script: ModuleType):
+    """A palette that is too small gives two algorithms the colour of one of them."""
+    with Image.open(script.PICTURE) as picture:
+        found = np.array(picture.convert("RGB")).reshape(-1, 3).astype(int)
+    flown = {path.name.partition("-")[0] for path in (BENCHMARKS / "swimmers" / "runs").iterdir()} - {"PPO"}
+    for name in sorted(flown):
+        colour = 255 * np.array(to_rgb(sys.modules["task_findings_picture"].style_of(name)["color"]))
+        assert np.abs(found - colour).max(axis=1).min() < 8, name

@@ -20,7 +20,7 @@ from thalweg.bench.report.price_figures import MARKERS
 SHADE = "0.55"
 """Grey of limits and of markers in the legend."""
 COLOURS_KEPT = 256
-"""Colours of the picture's palette."""
+"""Colours of the picture's palette; with 96, two algorithms had the same one."""
 POINTS = 400
 """Points of the line of a front, which is bent on an axis that is not linear."""
 

@@ -264,11 +264,7 @@ def test_cpo_accepts_what_keeps_the_limit_and_loses_nothing_unless_it_is_broken(
 @pytest.mark.parametrize(
     ("config", "settings", "words"),
     [
-        (
-            P3OConfig,
-            {"limit_scale": "discount", "cost_discount": 1.0},
-            "cost_discount must be below 1 with",
-        ),
+        (P3OConfig, {"limit_scale": "discount", "cost_discount": 1.0}, "cost_discount must be below 1 with"),
         (CPOConfig, {"standardise_cost": True}, "standardise_cost must be off for CPO"),
     ],
 )

@@ -259,9 +259,8 @@ def test_a_share_of_what_is_drawn_is_mirrored_and_has_corrupted_masks(
     learn, lessons = CloningTrainer.learn, []
     monkeypatch.setattr(CloningTrainer, "learn", lambda own, lesson: lessons.append(lesson) or learn(own, lesson))
     settings = SMALL | {"mirrored": share, "corrupted_masks": share}
-    Cloning(
-        tmp_path / "run", [recorded(tmp_path / "a", flight(20))], 32, sequences=8, settings=settings, threads=1
-    ).run()
+    folder = recorded(tmp_path / "a", flight(20))
+    Cloning(tmp_path / "run", [folder], 32, sequences=8, settings=settings, threads=1).run()
     (lesson,) = lessons
     pixels = lesson.rows[..., :-4].reshape(4, 8, 128, 128, 4).numpy()
     turns = MOVE_OPTIONS[lesson.worths.argmax(-1).numpy()][..., 1]
@@ -270,10 +269,9 @@ def test_a_share_of_what_is_drawn_is_mirrored_and_has_corrupted_masks(
 
 
 def test_backward_is_learnt_as_no_step_along(tmp_path: Path):
-    made, along = flight(4), np.array([0, 2, 1, 2])
     options = np.ones((4, 4), np.int64)
-    options[:, 2] = along
-    stream = RecordedFlights([recorded(tmp_path / "a", replace(made, options=options))], "rgb+mask")
+    options[:, 2] = [0, 2, 1, 2]
+    stream = RecordedFlights([recorded(tmp_path / "a", replace(flight(4), options=options))], "rgb+mask")
     _, found = stream.draw(4, 1, np.random.default_rng(0))
     assert MOVE_OPTIONS[found.worths[:, 0].argmax(axis=1)][:, 2].tolist() == [0, 1, 1, 1]
     assert found.last[1:, 0, 2].tolist() == [0, 1, 1]

@@ -1,5 +1,6 @@
 """Runs on a cluster: the same results as here, whoever is lost on the way. It is a real cluster, on this machine."""
 
+import errno
 import io
 import os
 import re
@@ -15,7 +16,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from tests.bench.execute.test_executors import Full, gone, wait_for
+from tests.bench.execute.test_executors import gone, wait_for
 from tests.bench.ray_nodes import ROOT, Nodes
 from tests.bench.small_backend import SUITE as SMALL_SUITE
 from tests.bench.small_backend import SmallBackend
@@ -113,7 +114,7 @@ class Troubled(SmallBackend):
 
     def train(self, run, folder):
         if run.name == "FOCOPS-0":
-            Full().train(run, folder)
+            raise OSError(errno.ENOSPC, "No space left on device")
         super().train(run, folder)
 
 

@@ -64,6 +64,15 @@ def test_corrupted_masks_leave_the_image_alone():
     assert set(np.unique(found[..., 3])) == {0, 100, 255}
 
 
+def test_a_quarter_of_corrupted_masks_show_no_water_and_the_others_show_some_of_it():
+    found = images(4)
+    corrupt(found, "rgb+mask", 1.0, np.random.default_rng(0))
+    masks = found[..., 3].reshape(-1, 32 * 32)
+    dry = (masks == 0).all(1)
+    assert 0.15 < dry.mean() < 0.35
+    assert (masks[~dry] == 100).any(1).all()
+
+
 @pytest.mark.parametrize(("observation", "channels", "share"), [("rgb", 3, 1.0), ("mask", 1, 0.0)])
 def test_nothing_is_corrupted_without_a_mask_or_a_share(observation: str, channels: int, share: float):
     found = images(channels)

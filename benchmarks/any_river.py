@@ -3,7 +3,7 @@
     python benchmarks/any_river.py --jobs 2                       # trains and flies all that has no row yet
     python benchmarks/any_river.py --seeds 0 --episodes 50 --out trial.csv
     python benchmarks/any_river.py --policy runs/student          # flies another policy; trains nothing
-    python benchmarks/any_river.py --write                        # tables of docs/imitation.md and packaged-policy.md
+    python benchmarks/any_river.py --write                  # tables of imitation-findings.md and packaged-policy.md
 
 A row of any_river.csv is appended as each cell is flown: a student's flights of one kind on one level. A cell that has
 a row is skipped, and training resumes in the folder `--runs`. `fixed` is the river of the level with `--episodes`
@@ -245,8 +245,8 @@ def packaged_table(rows: Sequence[dict[str, str]]) -> str:
 
 
 SECTIONS: dict[tuple[Path, str], Callable[[Sequence[dict[str, str]]], str]] = {
-    (DOCS / "imitation.md", "any river"): page_table,
-    (DOCS / "imitation.md", "student aims"): lambda rows: student_aims(partial(cells_of, rows)),
+    (DOCS / "imitation-findings.md", "any river"): page_table,
+    (DOCS / "imitation-findings.md", "student aims"): lambda rows: student_aims(partial(cells_of, rows)),
     (DOCS / "packaged-policy.md", "returns"): packaged_table,
     (DOCS / "packaged-policy.md", "aims"): lambda rows: packaged_aims(partial(cells_of, rows)),
 }

@@ -1,7 +1,7 @@
 """Failures of students on the fixed rivers: where, at the start or under way, on what sight, and which ones are shared.
 
     python benchmarks/fixed_failures.py runs/any_river/FIRST runs/any_river/SECOND
-    python benchmarks/fixed_failures.py --write        # table and maps of docs/imitation.md, flying nothing
+    python benchmarks/fixed_failures.py --write        # table and maps of docs/imitation-findings.md, flying nothing
 
 Any of them may be `packaged`. They fly the `fixed` flights of `any_river.py`. fixed_failures.csv has a row for each
 flight that ends in a violation, with the share of its first frame that is water, and one without a start for each
@@ -37,7 +37,7 @@ from thalweg.world import LEVELS, load_or_build
 from thalweg.world.map_image import view
 
 HERE = Path(__file__).resolve().parent
-TABLE, PAGE, SECTION = HERE / "fixed_failures.csv", HERE.parent / "docs" / "imitation.md", "fixed failures"
+TABLE, PAGE, SECTION = HERE / "fixed_failures.csv", HERE.parent / "docs" / "imitation-findings.md", "fixed failures"
 MAPS = HERE.parent / "docs" / "images" / "fixed_failures.jpg"
 SEES = "rgb+mask"
 EPISODES = 300

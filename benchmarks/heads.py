@@ -2,7 +2,7 @@
 
     python benchmarks/heads.py                  # trains and measures all that has no row yet
     python benchmarks/heads.py --only joint     # one of the heads
-    python benchmarks/heads.py --write          # the table of docs/imitation.md
+    python benchmarks/heads.py --write          # the table of docs/imitation-findings.md
 
 Students differ in the last layer of their policy only: 54 logits of moves, or 12 of options, of which a move's four are
 added. Both learn by the same loss, with the same seeds, on 16 rivers of each level. A row of heads.csv is appended as a
@@ -53,7 +53,7 @@ from thalweg.world import level_named
 
 HERE = Path(__file__).resolve().parent
 TABLE = HERE / "heads.csv"
-PAGE, SECTION = HERE.parent / "docs" / "imitation.md", "heads"
+PAGE, SECTION = HERE.parent / "docs" / "imitation-findings.md", "heads"
 JOINT, BRANCHES = "joint", "branches"
 STEPS, RIVERS = 100_000, 16
 """Steps of training, on so many rivers of each level."""

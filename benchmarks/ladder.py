@@ -3,7 +3,7 @@
     python benchmarks/ladder.py --jobs 2                            # trains and flies all that has no row yet
     python benchmarks/ladder.py --only 'student-16-*' 'no-memory-*' # arms by their labels, see --list
     python benchmarks/ladder.py --steps 20000 --episodes 10 --out trial.csv
-    python benchmarks/ladder.py --write                             # the tables and the plot of docs/imitation.md
+    python benchmarks/ladder.py --write  # the tables and the plot of docs/imitation-findings.md
 
 An arm is a training: students of the steady pilot, and FOCOPS through frames, on 1, 4, 16, 64 and more rivers of a
 level with looks fixed or varied; FOCOPS end to end, on codes of the autoencoder, and on rivers of Hard, on one rung

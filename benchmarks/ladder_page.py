@@ -29,7 +29,7 @@ from thalweg.bench.report.figures import COLOURS, STYLE, png
 from thalweg.bench.report.table import frame, markdown
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PAGE, PICTURE = DOCS / "imitation.md", DOCS / "images" / "ladder.png"
+PAGE, PICTURE = DOCS / "imitation-findings.md", DOCS / "images" / "ladder.png"
 LADDER, ABLATION = "ladder", "ablations"
 """Sections of the page."""
 NOTHING = "This has not been measured yet.\n"

@@ -1,7 +1,7 @@
 """Violations of two students on the same rivers: of each alone, of the mean of both, and of one with its mirror image.
 
     python benchmarks/same_failures.py runs/any_river/FIRST runs/any_river/SECOND --levels Hard
-    python benchmarks/same_failures.py --write        # table and picture of docs/imitation.md, flying nothing
+    python benchmarks/same_failures.py --write        # table and picture of docs/imitation-findings.md, flying nothing
 
 All fly the `unseen` flights of `any_river.py` by their most probable options. `mean` takes the options that are most
 probable on average over both students; `mirror` is the first one, on average over what it does for the image and for
@@ -40,7 +40,7 @@ from thalweg.train.observations import observation_of
 from thalweg.train.run_in_folder import policy_file
 
 HERE = Path(__file__).resolve().parent
-TABLE, PAGE, SECTION = HERE / "same_failures.csv", HERE.parent / "docs" / "imitation.md", "same failures"
+TABLE, PAGE, SECTION = HERE / "same_failures.csv", HERE.parent / "docs" / "imitation-findings.md", "same failures"
 FIRST, SECOND, MEAN, MIRROR = POLICIES = "first", "second", "mean", "mirror"
 WORDS = {
     FIRST: "the first student",

@@ -166,13 +166,14 @@ def page_section(rows: Sequence[dict[str, str]]) -> str:
     header = [
         "level",
         "off the course",
-        "failed: water ahead in view",
+        "water ahead",
         "most of it behind",
-        "no water that tells the way",
+        "hardly any water",
     ]
     note = (
-        f"Random starts on {len(RIVERS)} rivers of each level; a start fails if its flight ends within {STEPS} steps."
-        f" Water within {NEAR_M:g} m along the course does not count: it tells no way."
+        "Each cell: the share of starts that fail, of how many; a start fails if its flight ends within"
+        f" {STEPS} steps. Random starts on {len(RIVERS)} rivers of each level, by where most of the visible water lies along the course."
+        f" Water within {NEAR_M:g} m along it does not count: it tells no way."
     )
     return f"{markdown(frame(header, lines))}\n{wrap(note)}"
 

@@ -301,7 +301,7 @@ def test_the_aims_of_the_packaged_policies_are_judged_by_seed_0(script: ModuleTy
 def test_the_aims_of_students_are_met_by_some_of_them(script: ModuleType):
     flights = ((0, 9.0, 1), (1, 9.5, 0), (2, 10.0, 0))
     rows = [flown(script, returned, failed, "rgb+mask", seed, "unseen", "Hard") for seed, returned, failed in flights]
-    table = script.SECTIONS[script.DOCS / "imitation.md", "student aims"](rows)
+    table = script.SECTIONS[script.DOCS / "imitation-findings.md", "student aims"](rows)
     assert [" ".join(line.split()) for line in table.splitlines()[2:]] == [
         "| unseen | Hard | 9.50 | 9.50 | 2 of 3 | 3% | 3.3% | 2 of 3 |"
     ]

@@ -199,6 +199,12 @@ def test_a_policy_starts_only_from_one_with_the_same_eyes():
     policy().initialise_from(policy())
 
 
+def test_a_policy_that_sees_other_channels_is_told_apart_by_the_observation():
+    other = policy(eyes=Eyes((16, 16, 4), EYES.filters, EYES.features))
+    with pytest.raises(AlgorithmError, match=r"images of rgb.mask have 4 channels, of rgb 3 and of mask 1: choose"):
+        policy().initialise_from(other)
+
+
 def test_a_corrected_player_counts_options_from_where_the_environment_counts():
     actions = actions_of(gym.spaces.MultiDiscrete([3, 3], start=[1, -2]))
     generator = torch.Generator().manual_seed(0)

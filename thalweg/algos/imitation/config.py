@@ -46,7 +46,8 @@ class ImitationConfig:
     max_grad_norm: PositiveFloat = 1.0
     """Largest norm of a gradient."""
     temperature: FinitePositive = 0.1
-    """Temperature of the targets in segments of progress: moves whose worths differ by less are about as probable."""
+    """Temperature of the targets in segments of the course, about 1.3 m each: moves whose worths differ by less are
+    about as probable."""
     regret_weight: FiniteNonNegative = 1.0
     """Weight of the expected regret in the loss: how much less the student's moves are worth than the best ones, on
     average."""

@@ -1,7 +1,8 @@
 """The student: a policy that sees images, and what it predicts beside its moves while it learns.
 
 From the features of its policy it predicts the privileged state and a bird's-eye map of the channel. Letters: L steps
-of a sequence, C sequences, B = L C states, M moves, P numbers of the privileged state, G cells of the map.
+of a sequence, C sequences, B = L C states, M moves, O options of all branches, H numbers of the recurrent state, E
+features, P numbers of the privileged state, G cells of the map.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -182,7 +183,7 @@ class Student:
         )
 
     def log_probs(self, logits: Tensor) -> Tensor:
-        """Return the log probabilities of moves [B, M] from the outputs of the policy's network [B, P]."""
+        """Return the log probabilities of moves [B, M] from the logits of the policy's network [B, O]."""
         branches = [functional.log_softmax(part, -1) for part in logits.split(self.policy.actions.sizes, -1)]
         return move_log_probs(branches, self.moves)
 

@@ -153,6 +153,10 @@ class Policy:
             f"{name} is {value} here and {others[name]} there" for name, value in mine.items() if value != others[name]
         ]
         if differing:
+            if mine["image"] and others["image"] and mine["image"][-1] != others["image"][-1]:
+                differing.append(
+                    "images of rgb+mask have 4 channels, of rgb 3 and of mask 1: choose another observation"
+                )
             raise AlgorithmError(f"a policy can't start from one of another kind: {'; '.join(differing)}")
         load_module(self.actor, module_state(other.actor))
         if self.temperature != other.temperature:

@@ -35,7 +35,11 @@ class Screened(NamedTuple):
 
 
 class Shield:
-    """Shields of N vehicles, each with its own map."""
+    """Shields of N vehicles, each with its own map.
+
+    Call `begin` for each vehicle whose episode begins, then `screen` once in each step, and make exactly the moves that
+    it returns: odometry follows them.
+    """
 
     def __init__(self, count: int, config: EnvConfig = DEFAULT_CONFIG, settings: ShieldConfig = DEFAULT_SHIELD) -> None:
         """Create the shields of `count` vehicles at their starts; `config`: the task.
@@ -67,7 +71,10 @@ class Shield:
 
     def set_looks(self, looks: np.ndarray | None) -> None:
         """Set what the cameras are like: looks [N, P], of which only pitch and field of view matter; None: all as the
-        task's."""
+        task's.
+
+        Raises `RenderError` for another number of looks, or a value out of its range.
+        """
         rows = look_rows(look_values(looks, self.count), self.config.camera)
         self.optics.pitch[:] = rows[:, PITCH]
         self.optics.half_width[:], self.optics.half_height[:] = rows[:, HALF_W], rows[:, HALF_H]

@@ -78,8 +78,10 @@ class Cloning:
         """Train the student, or resume the run in the folder, which is known by the content of its recordings; of a
         finished run the result is returned.
 
-        Raises `ConfigError`, `TrainingError` and `DatasetError` for arguments that are wrong, and for recordings that
-        do not fit, and `AlgorithmError` for a policy of another kind to begin with, before anything is learnt.
+        Raises, before anything is learnt, `AlgorithmError` for a wrong setting, or a policy of another kind to begin
+        with; `DatasetError` for recordings that are none, or do not fit; `DeviceError` for a device that cannot be
+        used; and `ConfigError` or `TrainingError` for other wrong arguments. Raises `NotFiniteError` for a loss that
+        is not finite.
         """
         return self._with_whole_numbers()._run(progress)
 

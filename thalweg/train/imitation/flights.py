@@ -40,7 +40,9 @@ class Flights:
         self.images = np.zeros((0,), np.uint8)
         """[N, H, W, C] of the current state."""
         self.last = np.full((env.num_envs, MOVE_OPTIONS.shape[1]), NO_OPTION)
+        """[N, A] int64, the options taken before."""
         self.fresh = np.ones(env.num_envs, bool)
+        """[N], whether an episode begins."""
         self.taught = np.ones(env.num_envs, bool)
         """[N] whether the teacher flies the episode."""
         self._notes: dict[str, list[np.ndarray]] = {}
@@ -72,7 +74,7 @@ class Flights:
         return self._noted
 
     def act(self, teacher_share: float, noise: float) -> np.ndarray:
-        """Note the current state, and return the actions [N, 4] to take in it."""
+        """Note the current state, and return the actions [N, 4] int64 to take in it."""
         count = self.env.num_envs
         self.taught[self.fresh] = self.rng.random(int(self.fresh.sum())) < teacher_share
         self.last[self.fresh] = NO_OPTION

@@ -77,9 +77,11 @@ class Imitation:
     def run(self, *, progress: bool = False) -> RunResult:
         """Train the student, or resume the run in the folder; of a finished run the result is returned.
 
-        Raises `AlgorithmError`, `TrainingError`, `ConfigError` and `WorldError` for arguments that are wrong, for the
-        folder of another run or a file of a river that has changed, for a policy of another kind to begin with, for
-        rivers that do not fit into the memory, and for a teacher that fails its gate, before anything is learnt.
+        Raises, before anything is learnt, `AlgorithmError` for a wrong setting, or a policy of another kind to begin
+        with; `WorldError` for a level or a river's file that is none; `ConfigError` for rivers or frames that do not fit
+        into the memory; `DeviceError` for a device that cannot be used; and `TrainingError` for other wrong arguments,
+        the folder of another run, a file of a river that has changed, or a teacher that fails its gate. Raises
+        `NotFiniteError` for a loss that is not finite.
         """
         return self._with_whole_numbers()._run(progress)
 

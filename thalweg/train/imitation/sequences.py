@@ -14,12 +14,13 @@ class Sequences(NamedTuple):
     river: np.ndarray
     """[L, C] int64, index of the river in the list of rivers."""
     pose: np.ndarray
-    """[L, C, 4] float64."""
+    """[L, C, 4] float64: x, y and z in metres, yaw in radians."""
     time_s: np.ndarray
-    """[L, C] float64, clock of the water."""
+    """[L, C] float64, clock of the water in seconds."""
     segment: np.ndarray
-    """[L, C] int64, of the course, and the direction of travel along it; see `thalweg.env.task.rules.State`."""
+    """[L, C] int64, of the course; see `thalweg.env.task.rules.State`."""
     travel: np.ndarray
+    """[L, C] int64, 1 or -1, the direction of travel along the course."""
     last: np.ndarray
     """[L, C, A] int8, the options taken before, -1 at the beginning of an episode."""
     fresh: np.ndarray
@@ -27,9 +28,9 @@ class Sequences(NamedTuple):
     start: np.ndarray
     """[C, H] float32, the student's recurrent state before the first step, when it was flown."""
     worths: np.ndarray
-    """[L, C, M] float32."""
+    """[L, C, M] float32, worth of each move in segments of the course."""
     privileged: np.ndarray
-    """[L, C, P] float32."""
+    """[L, C, P] float32, in metres and radians; see `thalweg.env.task.ideal_eye.FEATURES`."""
     maps: np.ndarray
     """[L, C, G / 8] uint8, packed bits."""
 

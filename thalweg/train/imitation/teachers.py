@@ -1,4 +1,4 @@
-"""Teachers of an imitation: what the pilots that know the map give to each move."""
+"""Worths that the teachers of an imitation, pilots that know the map, give to all moves."""
 
 import numpy as np
 
@@ -7,11 +7,12 @@ from thalweg.env import RiverVectorEnv
 from thalweg.env.moves import MOVE_OPTIONS
 
 OTHER_MOVE = -1.0
-"""Worth of every move but the chosen one, of worth 0, of a teacher that judges none."""
+"""Worth of each move that a teacher did not choose, where only its choice is known; the chosen one has the worth 0."""
 
 
 def teacher_worths(env: RiverVectorEnv, teacher: Teacher) -> np.ndarray:
-    """Return the worths [N, M] float64 of all moves in the current state, as a teacher judges them."""
+    """Return the worths [N, M] float64 of all moves in the current state, as a teacher judges
+    them: in segments of the course, but for a teacher of which only the choice is known."""
     return env.move_worths() if teacher == "steady" else choice_worths(env.pilot_actions(teacher))
 
 

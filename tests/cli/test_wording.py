@@ -48,8 +48,14 @@ TRAIN = Train(Path("x"))
         (
             Imitate(),
             "in_memory must be at least 96 for 192 rivers, not 1",
-            "--rivers-in-memory must be at least 96 for 192 rivers, not 1; such as --rivers-in-memory 8",
+            "--rivers-in-memory must be at least 96 for 192 rivers, not 1",
         ),
+        (
+            Imitate(),
+            "in_memory must be at least 6, not 1",
+            "--rivers-in-memory must be at least 6, not 1; such as --rivers-in-memory 8",
+        ),
+        (Imitate(), "num_envs must be at most 9, not 32", "--num-envs must be at most 9, not 32"),
         (Evaluate("hover"), "in_memory must be at least 96", "in_memory must be at least 96"),
         (Evaluate("hover"), "policy is none", "policy is none"),
         (EncoderTrain(Path("x")), "latent must be 1 or more", "--latent must be 1 or more; such as --latent 16"),

@@ -70,5 +70,14 @@ def _to_try(message: str, options: dict[str, tuple[str, str]]) -> str:
     """Return `; such as --option VALUE` for the first option whose value is wrong; empty without one."""
     for option, example in options.values():
         if example and re.match(rf"{option} ({VERBS})\b", message) and "such as" not in message:
-            return f"; such as {option} {example}"
+            return f"; such as {option} {example}" if _fits(example, message) else ""
     return ""
+
+
+def _fits(example: str, message: str) -> bool:
+    """Return whether a value keeps to the least or the greatest one that a message names, if it names one."""
+    named = re.search(r"must be at (least|most) (\d[\d,]*)", message)
+    if not named or not example.isdigit():
+        return True
+    bound = int(named[2].replace(",", ""))
+    return int(example) >= bound if named[1] == "least" else int(example) <= bound

@@ -25,7 +25,7 @@ from thalweg.render.records.randomisation import Randomisation
 from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER
-from thalweg.train.imitation import flights, gate, imitate
+from thalweg.train.imitation import flights, frame_memory, gate, imitate
 from thalweg.train.imitation.flights import Flights, redraw
 from thalweg.train.imitation.imitate import Imitation
 from thalweg.train.imitation.mirroring import ORDER
@@ -260,6 +260,26 @@ def test_valleys_of_a_real_river_that_do_not_fit_are_refused_once_one_is_built(
     with pytest.raises(ConfigError, match=r"^1,000 rivers of .* MB need .* GB"):
         imitation(tmp_path / "run", river=Reach(file, width_m=9.0), world_seeds=range(1000)).run()
     assert built == [0]
+
+
+def test_frames_of_a_sequence_that_do_not_fit_are_refused_before_the_teacher_flies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(imitate, "check_teacher", lambda *_: pytest.fail("the teacher flies"))
+    # 10 environments, 4 steps each, seen in 4 channels, 4 times: as flown, mirrored, and twice beside
+    needed = 10 * 4 * 128 * 128 * 4 * 4
+    monkeypatch.setattr(frame_memory, "free_bytes", lambda: needed - 1)
+    flown = imitation(tmp_path / "run", steps=8, num_envs=10, settings={"sequence": 4})
+    words = r"num_envs must be at most 9, not 10, with a sequence of 4 steps: their frames take 0.01 GB, and 0.01"
+    with pytest.raises(TrainingError, match=words):
+        flown.run()
+    assert not (tmp_path / "run").exists()
+    monkeypatch.setattr(frame_memory, "free_bytes", lambda: needed // 10 - 1)
+    with pytest.raises(TrainingError, match=r"sequence must be at most 0 steps, not 4: their frames take 0.01 GB"):
+        flown.run()
+    monkeypatch.setattr(frame_memory, "free_bytes", lambda: needed)
+    with pytest.raises(pytest.fail.Exception, match="the teacher flies"):
+        flown.run()
 
 
 def test_no_river_is_built_for_the_folder_of_another_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

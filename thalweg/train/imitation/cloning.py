@@ -31,6 +31,7 @@ from thalweg.render import RENDER_VERSION
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RECORDED_DIGEST, RECORDINGS, device_identity
 from thalweg.train.imitation.flights import lesson_of
+from thalweg.train.imitation.frame_memory import DRAWN_COPIES, check_frame_memory
 from thalweg.train.imitation.mask_noise import corrupt
 from thalweg.train.imitation.mirroring import mirror
 from thalweg.train.imitation.recorded_flights import RecordedFlights
@@ -102,6 +103,7 @@ class Cloning:
         if not self.recordings:
             raise TrainingError("recordings must be at least one folder, such as recordings/steady")
         device = torch.device(resolve_device(self.device))
+        check_frame_memory(config, self.sequences, DRAWN_COPIES, "sequences")
         flights = RecordedFlights(self.recordings, config.observation)
         if len(flights.first) < config.sequence:
             raise TrainingError(

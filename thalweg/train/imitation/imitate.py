@@ -28,6 +28,7 @@ from thalweg.render import RENDER_VERSION, compilation
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import RUN_FOLDER, device_identity, read_config, read_context, require_same
+from thalweg.train.imitation.frame_memory import check_frame_memory, copies_of_flights
 from thalweg.train.imitation.gate import check_teacher, flown_by
 from thalweg.train.imitation.student_trainer import begin_student
 from thalweg.train.imitation.trainer import ImitationTrainer
@@ -78,10 +79,10 @@ class Imitation:
         """Train the student, or resume the run in the folder; of a finished run the result is returned.
 
         Raises, before anything is learnt, `AlgorithmError` for a wrong setting, or a policy of another kind to begin
-        with; `WorldError` for a level or a river's file that is none; `ConfigError` for rivers or frames that do not fit
-        into the memory; `DeviceError` for a device that cannot be used; and `TrainingError` for other wrong arguments,
-        the folder of another run, a file of a river that has changed, or a teacher that fails its gate. Raises
-        `NotFiniteError` for a loss that is not finite.
+        with; `WorldError` for a level or a river's file that is none; `ConfigError` for rivers that do not fit into the
+        memory; `DeviceError` for a device that cannot be used; and `TrainingError` for frames that do not fit, other
+        wrong arguments, the folder of another run, a file of a river that has changed, or a teacher that fails its
+        gate. Raises `NotFiniteError` for a loss that is not finite.
         """
         return self._with_whole_numbers()._run(progress)
 
@@ -99,6 +100,7 @@ class Imitation:
         grounds = [level_named(name) for name in self.levels] if self.river is None else [self.river]
         seeds = parse_seeds(self.world_seeds, "world_seeds", TrainingError)
         self._check(grounds, seeds)
+        check_frame_memory(config, self.num_envs, copies_of_flights(config))
         threads = default_torch_threads() if self.threads is None else self.threads
         device = torch.device(resolve_device(self.device))
         rules = self._rules(config)

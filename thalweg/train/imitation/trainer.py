@@ -26,7 +26,8 @@ class ImitationTrainer(StudentTrainer):
         )
         self.env = env
         self.flights = Flights(env, student, seed)
-        self.store = SequenceStore(student.config.capacity, student.config.sequence)
+        # More is never stored, and room is reserved at once.
+        self.store = SequenceStore(min(student.config.capacity, steps), student.config.sequence)
         self._restarted = np.arange(env.num_envs) < round(student.config.start_share * env.num_envs)
         """[N] whether flights begin anew every `start_steps`. Statistics leave them out: only failures would end."""
 

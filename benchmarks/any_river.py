@@ -315,10 +315,7 @@ def main() -> str | None:
         return None
     done = {tuple(row[name] for name in KEY) for row in rows}
     if given.policy:
-        try:
-            policy_file(given.policy).stat()
-        except (AlgorithmError, OSError) as error:
-            parser.error(f"--policy: {error}")
+        refuse_blind(parser, given.policy)
         students = [(file_hash(policy_file(given.policy)), 0, 0)]
     else:
         seen = [each for each in given.observations if each != TEACHER]
@@ -338,6 +335,16 @@ def main() -> str | None:
             flights = {" ".join(cell.key): partial(measure, cell, path) for cell in cells}
             failures += fly_cells(flights, given.jobs, given.out, COLUMNS)
     return "\n".join(failures) or None
+
+
+def refuse_blind(parser: argparse.ArgumentParser, path: Path) -> None:
+    """End with an error for a path that holds no policy, or one that sees no frames."""
+    try:
+        policy = load_policy(path)
+    except (AlgorithmError, OSError) as error:
+        parser.error(f"--policy: {error}")
+    if getattr(getattr(policy, "shape", None), "eyes", None) is None:
+        parser.error(f"--policy: {path} sees no frames; a policy of `thalweg imitate`, or with policy=cnn, is needed")
 
 
 def refuse_ignored(parser: argparse.ArgumentParser, given: argparse.Namespace) -> None:

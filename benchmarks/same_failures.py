@@ -23,12 +23,14 @@ from PIL import Image
 from river_flights import fly
 from tables import of_versions, put, rows_of
 
+from thalweg.algos import AlgorithmError
 from thalweg.algos.imitation.student import ALGORITHM
 from thalweg.algos.policy.player import NetworkPlayer
 from thalweg.algos.policy.policy import Policy
 from thalweg.bench.csv_files import ResultsError
 from thalweg.bench.evaluate.course import UNSEEN, Course, EvaluationConfig
 from thalweg.bench.evaluate.evaluation import Label
+from thalweg.bench.packaged import policy_path
 from thalweg.bench.report.table import frame, markdown
 from thalweg.core.atomic_io import atomic_path, write_atomic
 from thalweg.core.cache import file_hash
@@ -192,7 +194,7 @@ def is_failure(row: Mapping[str, str], name: str, level: str) -> bool:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("students", nargs="*", type=Path, help="folders of the runs of two students, or their files")
+    parser.add_argument("students", nargs="*", help="two students: folders of runs, files, or packaged policies")
     parser.add_argument("--policies", nargs="+", choices=POLICIES, default=POLICIES)
     parser.add_argument("--levels", nargs="+", choices=("Easy", "Medium", "Hard"), default=["Medium", "Hard"])
     parser.add_argument("--episodes", type=int, default=EPISODES, help="flights of each policy on each level")
@@ -212,11 +214,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     if len(given.students) != 2 or given.episodes < 1:
         parser.error(f"two students and at least one episode are needed, not {len(given.students)}, {given.episodes}")
+    students = [policy_path(student) for student in given.students]
+    try:
+        policy_named("mean", students)
+    except (AlgorithmError, ResultsError) as error:
+        parser.error(str(error))
     done = {tuple(row[name] for name in KEY) for row in rows if not row["world_seed"]}
     for level in given.levels:
         for name in given.policies:
-            if key_of(name, level, given.students, given.episodes) not in done:
-                put(given.out, COLUMNS, flights_of(name, level, given.students, given.episodes), KEY)
+            if key_of(name, level, students, given.episodes) not in done:
+                put(given.out, COLUMNS, flights_of(name, level, students, given.episodes), KEY)
                 print(f"{name} on {level}: flown", flush=True)
     return 0
 

@@ -12,10 +12,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
+from thalweg.algos.policy.actions import actions_of
+from thalweg.algos.policy.networks import NetworkShape
+from thalweg.algos.policy.policy import Policy
 from thalweg.bench.evaluate.baselines import BASELINES
 from thalweg.bench.evaluate.episodes import Episode
 from thalweg.core import versions
+from thalweg.env.spaces import action_space
 
 
 def episode(returned: float, cost: float, reason: str) -> Episode:
@@ -212,6 +217,19 @@ def test_options_of_students_are_refused_beside_a_policy(
     with pytest.raises(SystemExit, match="2"):
         script.main()
     assert f"--policy trains no students; leave out {ignored[0]}\n" in capsys.readouterr().err
+
+
+def test_a_policy_that_sees_no_frames_is_refused_before_any_cell_is_flown(
+    script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(script, "fly_cells", lambda *_: pytest.fail("cells are flown"))
+    out, policy, generator = tmp_path / "out.csv", tmp_path / "policy.safetensors", torch.Generator()
+    Policy(16, actions_of(action_space("multidiscrete")), NetworkShape((4,)), generator=generator).save(policy)
+    for file, told in ((policy, f"{policy} sees no frames"), (tmp_path / "none", "there is no policy at")):
+        monkeypatch.setattr(sys, "argv", ["any_river.py", "--policy", str(file), "--out", str(out)])
+        with pytest.raises(SystemExit, match="2"):
+            script.main()
+        assert told in capsys.readouterr().err
 
 
 def test_equal_shares_of_seeds_are_as_uncertain_as_their_flights(script: ModuleType):

@@ -172,3 +172,18 @@ def test_what_cannot_be_flown_is_refused(
     with pytest.raises(SystemExit):
         script.main(arguments)
     assert f"two students and at least one episode are needed, {told}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("students", "told"),
+    [
+        (["packaged", "packaged-rgb"], "both must be students"),
+        (["packaged", "nowhere"], "there is no policy at nowhere"),
+    ],
+)
+def test_students_that_cannot_be_compared_are_refused_by_name(
+    script: ModuleType, students: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    with pytest.raises(SystemExit):
+        script.main([*students, "--out", str(tmp_path / "failures.csv")])
+    assert told in capsys.readouterr().err

@@ -308,5 +308,5 @@ def test_the_policy_does_not_depend_on_what_only_critics_see(name: str):
 
 
 def test_a_state_of_critics_that_see_something_else_is_refused():
-    with pytest.raises(AlgorithmError, match="a network of shapes"):
+    with pytest.raises(AlgorithmError, match="the network is another one"):
         agent().load_state(agent(asymmetric_critics=False).state())

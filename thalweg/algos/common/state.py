@@ -32,11 +32,16 @@ def module_state(module: nn.Module) -> dict[str, np.ndarray]:
 
 
 def load_module(module: nn.Module, state: dict[str, np.ndarray]) -> None:
-    """Load what `module_state` returned; raises `AlgorithmError` naming all shapes if they differ."""
+    """Load what `module_state` returned; raises `AlgorithmError` naming each tensor whose shape differs."""
     here = {name: tuple(value.shape) for name, value in module.state_dict().items()}
     there = {name: tuple(np.shape(value)) for name, value in state.items()}
     if here != there:
-        raise AlgorithmError(f"a network of shapes {here} cannot load parameters of shapes {there}")
+        differing = [
+            f"{name} has the shape {here.get(name, 'none')} here and {there.get(name, 'none')} in what is loaded"
+            for name in here | there
+            if here.get(name) != there.get(name)
+        ]
+        raise AlgorithmError(f"the network is another one: {'; '.join(differing)}")
     module.load_state_dict({name: tensor_of(value, CPU) for name, value in state.items()})
 
 

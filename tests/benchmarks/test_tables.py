@@ -86,7 +86,8 @@ def test_failures_that_another_command_found_meanwhile_stay(
 
     monkeypatch.setattr(failures, "flights_of", flights_of)
     monkeypatch.setattr(failures, "key_of", lambda *given: ())
-    monkeypatch.setattr(failures, "policy_path", Path, raising=False)
+    monkeypatch.setattr(failures, "policy_path", Path)
+    monkeypatch.setattr(failures, "policy_named", lambda *given: None, raising=False)
     students = ["a", "b"][: 1 if name == "fixed_failures" else 2]
     policies = [] if name == "fixed_failures" else ["--policies", "first"]
     assert failures.main([*students, *policies, "--levels", "Hard", "--out", str(out)]) == 0

@@ -20,16 +20,14 @@ class Imitate(Command):
     levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
     """Levels of the rivers that are flown."""
     world_seeds: tuple[str, ...] = ("1000:1064",)
-    """Seeds of rivers of each level, such as 1000:1256 (1256 excluded); with --river, seeds of its plants and hills, by
-    default 0."""
+    """Seeds of each level's rivers, such as 1000:1256 (1256 excluded); with --river, of its plants and hills."""
     river: River = NO_FILE
     observation: Literal["rgb+mask", "rgb", "mask"] = "rgb+mask"
     """What the policy sees: the image and the water mask, or one of them."""
     recordings: tuple[Path, ...] = ()
     """Folders that `thalweg record` wrote, to learn from in place of a pilot (behaviour cloning): nothing is flown."""
     steps: int = 1_000_000
-    """Steps of flight, over all environments together; with --recordings, recorded steps to learn from, each counted
-    whenever it is drawn."""
+    """Steps of flight, over all environments together; with --recordings, of these, counted whenever they are drawn."""
     seed: int = 0
     """Seed of all random numbers."""
     num_envs: int = 32

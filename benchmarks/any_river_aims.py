@@ -65,8 +65,8 @@ def packaged_aims(cells: Cells) -> str:
                 *(f"{returned - LEAD:.2f}", _judged(f"{bare_returned:.2f}", bare_returned >= returned - LEAD)),
             ]
         )
-    header = ["flights", "level or river", "return, at least", "`packaged`", "violations, at most", "`packaged`"]
-    table = markdown(frame([*header, "return, at least", "`packaged-rgb`"], lines))
+    header = ["flights", "level or river", "return, at least", "`packaged`", "violations, at most", "of `packaged`"]
+    table = markdown(frame([*header, "return of `packaged-rgb`, at least", "`packaged-rgb`"], lines))
     own = [text for line in lines for text in (line[3], line[5])]
     note = f"`packaged` meets {_met(own)} aims, and `packaged-rgb` {_met([line[7] for line in lines])}."
     return f"{table}\n{wrap(note)}"

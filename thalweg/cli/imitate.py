@@ -1,5 +1,6 @@
 """`thalweg imitate`: a policy that sees frames, taught by a pilot that knows the map, on many rivers."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -20,14 +21,14 @@ class Imitate(Command):
     levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
     """Levels of the rivers that are flown."""
     world_seeds: tuple[str, ...] = ("1000:1064",)
-    """Seeds of each level's rivers, such as 1000:1256 (1256 excluded); with --river, of its plants and hills."""
+    """Seeds of each level's rivers (1000:1256 excludes 1256); with --river, of its plants and hills, by default 0."""
     river: River = NO_FILE
     observation: Literal["rgb+mask", "rgb", "mask"] = "rgb+mask"
     """What the policy sees: the image and the water mask, or one of them."""
     recordings: tuple[Path, ...] = ()
     """Folders that `thalweg record` wrote, to learn from in place of a pilot (behaviour cloning): nothing is flown."""
     steps: int = 1_000_000
-    """Steps of flight, over all environments together; with --recordings, of these, counted whenever they are drawn."""
+    """Steps of flight of all environments; with --recordings, recorded steps, counted each time they are drawn."""
     seed: int = 0
     """Seed of all random numbers."""
     num_envs: int = 32
@@ -93,6 +94,7 @@ class Imitate(Command):
 
     def _clone(self, settings: dict[str, Any]) -> int:
         """Learn from recordings; raises `UsageError` for options of flights."""
+        from thalweg.train.errors import TrainingError
         from thalweg.train.imitation.cloning import Cloning
         from thalweg.train.run_in_folder import check_numbers
 
@@ -100,7 +102,7 @@ class Imitate(Command):
             if getattr(self, name) != getattr(type(self), name):
                 raise UsageError(f"--{name.replace('_', '-')} does not go with --recordings, where nothing is flown")
         check_numbers(num_envs=(self.num_envs, 1))  # by the name of the option, which is the number of sequences
-        result = Cloning(
+        cloning = Cloning(
             self.out or Path(),
             self.recordings,
             steps=self.steps,
@@ -110,6 +112,10 @@ class Imitate(Command):
             threads=self.threads,
             begin_with=self._begun,
             device=self.device,
-        ).run(progress=True)
+        )
+        try:
+            result = cloning.run(progress=True)
+        except TrainingError as error:
+            raise TrainingError(re.sub(r"^sequences (?=must|=)", "num_envs ", str(error))) from error
         print_result(result, ["--levels", *self.levels, "--unseen"])
         return 0

@@ -23,6 +23,7 @@ from thalweg.env.moves import MOVE_OPTIONS, MOVES
 from thalweg.train import load_policy
 from thalweg.train.errors import TrainingError
 from thalweg.train.folder.run_record import read_config
+from thalweg.train.imitation import frame_memory
 from thalweg.train.imitation.cloning import Cloning, CloningTrainer
 from thalweg.train.imitation.recorded_flights import RecordedFlights
 
@@ -275,3 +276,20 @@ def test_backward_is_learnt_as_no_step_along(tmp_path: Path):
     _, found = stream.draw(4, 1, np.random.default_rng(0))
     assert MOVE_OPTIONS[found.worths[:, 0].argmax(axis=1)][:, 2].tolist() == [0, 1, 1, 1]
     assert found.last[1:, 0, 2].tolist() == [0, 1, 1]
+
+
+def test_sequences_that_do_not_fit_are_refused_by_the_name_of_the_option(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+):
+    folder = recorded(tmp_path / "flights", flight(20))
+    # 4 steps in 4 channels, 2.5 times each: as read, as rows, and half of them mirrored
+    each = 4 * 128 * 128 * 4 * 5 // 2
+    given = ["--steps", "32", "--threads", "1", "--set", "filters=[4]", "features=8", "hidden=[8]", "sequence=4"]
+    command = ["imitate", "--recordings", str(folder), "--out", str(tmp_path / "run"), *given, "--num-envs", "8"]
+    monkeypatch.setattr(frame_memory, "free_bytes", lambda: 8 * each - 1)
+    assert main(command) == 2
+    assert "thalweg: --num-envs must be at most 7, not 8, with a sequence of 4 steps" in capsys.readouterr().err
+    monkeypatch.setattr(frame_memory, "free_bytes", lambda: 8 * each)
+    assert main(command) == 0
+    monkeypatch.setattr(frame_memory, "free_bytes", lambda: 0)
+    assert main(command) == 0  # it is finished

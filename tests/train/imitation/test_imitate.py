@@ -265,21 +265,28 @@ def test_valleys_of_a_real_river_that_do_not_fit_are_refused_once_one_is_built(
 def test_frames_of_a_sequence_that_do_not_fit_are_refused_before_the_teacher_flies(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
+    check_teacher = imitate.check_teacher
     monkeypatch.setattr(imitate, "check_teacher", lambda *_: pytest.fail("the teacher flies"))
-    # 10 environments, 4 steps each, seen in 4 channels, 4 times: as flown, mirrored, and twice beside
-    needed = 10 * 4 * 128 * 128 * 4 * 4
+    # 10 environments, 4 steps each, in 4 channels, 6 times: as flown, and 2.5 for each of two drawn anew, half mirrored
+    needed = 10 * 4 * 128 * 128 * 4 * 6
     monkeypatch.setattr(frame_memory, "free_bytes", lambda: needed - 1)
-    flown = imitation(tmp_path / "run", steps=8, num_envs=10, settings={"sequence": 4})
-    words = r"num_envs must be at most 9, not 10, with a sequence of 4 steps: their frames take 0.01 GB, and 0.01"
+    flown = imitation(tmp_path / "run", steps=8, num_envs=10, settings={"sequence": 4, "replay": 2.0})
+    words = r"num_envs must be at most 9, not 10, with a sequence of 4 steps: their frames take 0.02 GB, and 0.02"
     with pytest.raises(TrainingError, match=words):
         flown.run()
     assert not (tmp_path / "run").exists()
     monkeypatch.setattr(frame_memory, "free_bytes", lambda: needed // 10 - 1)
-    with pytest.raises(TrainingError, match=r"sequence must be at most 0 steps, not 4: their frames take 0.01 GB"):
+    with pytest.raises(TrainingError, match="num_envs = 10 and a sequence of 4 steps are both too large: their frames"):
         flown.run()
-    monkeypatch.setattr(frame_memory, "free_bytes", lambda: needed)
-    with pytest.raises(pytest.fail.Exception, match="the teacher flies"):
-        flown.run()
+    monkeypatch.setattr(imitate, "check_teacher", check_teacher)
+    few = {"steps": 8, "num_envs": 1}
+    monkeypatch.setattr(frame_memory, "free_bytes", lambda: 4 * 128 * 128 * 4 * 4 - 1)
+    with pytest.raises(TrainingError, match="sequence must be at most 3 steps, not 4: their frames take"):
+        imitation(tmp_path / "run", **few).run()
+    monkeypatch.setattr(frame_memory, "free_bytes", lambda: 4 * 128 * 128 * 4 * 4)
+    imitation(tmp_path / "run", **few).run()
+    monkeypatch.setattr(frame_memory, "free_bytes", lambda: 0)
+    assert imitation(tmp_path / "run", **few).run().already_finished
 
 
 def test_no_river_is_built_for_the_folder_of_another_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

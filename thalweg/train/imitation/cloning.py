@@ -29,9 +29,9 @@ from thalweg.env.task.bird_eye import COLUMNS, ROWS
 from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION
 from thalweg.train.errors import TrainingError
-from thalweg.train.folder.run_record import RECORDED_DIGEST, RECORDINGS, device_identity
+from thalweg.train.folder.run_record import RECORDED_DIGEST, RECORDINGS, device_identity, read_status
 from thalweg.train.imitation.flights import lesson_of
-from thalweg.train.imitation.frame_memory import DRAWN_COPIES, check_frame_memory
+from thalweg.train.imitation.frame_memory import check_frame_memory, copies_of_drawn
 from thalweg.train.imitation.mask_noise import corrupt
 from thalweg.train.imitation.mirroring import mirror
 from thalweg.train.imitation.recorded_flights import RecordedFlights
@@ -80,9 +80,9 @@ class Cloning:
         finished run the result is returned.
 
         Raises, before anything is learnt, `AlgorithmError` for a wrong setting, or a policy of another kind to begin
-        with; `DatasetError` for recordings that are none, or do not fit; `DeviceError` for a device that cannot be
-        used; and `ConfigError` or `TrainingError` for other wrong arguments. Raises `NotFiniteError` for a loss that
-        is not finite.
+        with; `DatasetError` for recordings that cannot be read; `DeviceError` for a device that cannot be used; and
+        `ConfigError` or `TrainingError` for recordings that a student cannot learn from, frames that do not fit into
+        the memory, and other wrong arguments. Raises `NotFiniteError` for a loss that is not finite.
         """
         return self._with_whole_numbers()._run(progress)
 
@@ -103,7 +103,8 @@ class Cloning:
         if not self.recordings:
             raise TrainingError("recordings must be at least one folder, such as recordings/steady")
         device = torch.device(resolve_device(self.device))
-        check_frame_memory(config, self.sequences, DRAWN_COPIES, "sequences")
+        if read_status(self.folder).get("state") != "finished":
+            check_frame_memory(config, self.sequences, copies_of_drawn(config), "sequences")
         flights = RecordedFlights(self.recordings, config.observation)
         if len(flights.first) < config.sequence:
             raise TrainingError(

@@ -12,7 +12,12 @@ MIRROR_COPIES = 3
 
 def copies_of_flights(config: ImitationConfig) -> float:
     """Return how many frames are in memory at once for each step that is flown until an update."""
-    return 1 + max(MIRROR_COPIES * config.in_mirror, DRAWN_COPIES * config.replay)
+    return 1 + max(MIRROR_COPIES * config.in_mirror, copies_of_drawn(config) * config.replay)
+
+
+def copies_of_drawn(config: ImitationConfig) -> float:
+    """Return how many frames are in memory at once for each step that is drawn anew or read, some of them mirrored."""
+    return DRAWN_COPIES + config.mirrored
 
 
 def check_frame_memory(config: ImitationConfig, num_envs: int, copies: float, name: str = "num_envs") -> None:
@@ -22,8 +27,10 @@ def check_frame_memory(config: ImitationConfig, num_envs: int, copies: float, na
     needed, free = num_envs * config.sequence * step, free_bytes()
     if free is None or needed <= free:
         return
-    fitting = int(free // (config.sequence * step))
-    most = f"{name} must be at most {fitting:,}, not {num_envs:,}, with a sequence of {config.sequence:,} steps"
-    if not fitting:
-        most = f"sequence must be at most {int(free // (num_envs * step)):,} steps, not {config.sequence:,}"
-    raise TrainingError(f"{most}: their frames take {needed / 1e9:.2f} GB, and {free / 1e9:.2f} GB of memory are free")
+    told = f"their frames take {needed / 1e9:.2f} GB, and {free / 1e9:.2f} GB of memory are free"
+    length = f"a sequence of {config.sequence:,} steps"
+    if fitting := int(free // (config.sequence * step)):
+        raise TrainingError(f"{name} must be at most {fitting:,}, not {num_envs:,}, with {length}: {told}")
+    if fitting := int(free // (num_envs * step)):
+        raise TrainingError(f"sequence must be at most {fitting:,} steps, not {config.sequence:,}: {told}")
+    raise TrainingError(f"{name} = {num_envs:,} and {length} are both too large: {told}")

@@ -27,7 +27,14 @@ from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.render import RENDER_VERSION, compilation
 from thalweg.render.records.randomisation import Randomisation
 from thalweg.train.errors import TrainingError
-from thalweg.train.folder.run_record import RUN_FOLDER, device_identity, read_config, read_context, require_same
+from thalweg.train.folder.run_record import (
+    RUN_FOLDER,
+    device_identity,
+    read_config,
+    read_context,
+    read_status,
+    require_same,
+)
 from thalweg.train.imitation.frame_memory import check_frame_memory, copies_of_flights
 from thalweg.train.imitation.gate import check_teacher, flown_by
 from thalweg.train.imitation.student_trainer import begin_student
@@ -100,7 +107,6 @@ class Imitation:
         grounds = [level_named(name) for name in self.levels] if self.river is None else [self.river]
         seeds = parse_seeds(self.world_seeds, "world_seeds", TrainingError)
         self._check(grounds, seeds)
-        check_frame_memory(config, self.num_envs, copies_of_flights(config))
         threads = default_torch_threads() if self.threads is None else self.threads
         device = torch.device(resolve_device(self.device))
         rules = self._rules(config)
@@ -115,6 +121,8 @@ class Imitation:
         new = (existing := read_config(self.folder)) is None
         if existing is not None:
             require_same(self.folder, existing["run"], identity)
+        if read_status(self.folder).get("state") != "finished":
+            check_frame_memory(config, self.num_envs, copies_of_flights(config))
         if new:
             with RUN_FOLDER.locked(self.folder):  # one that cannot be written is refused before the teacher flies
                 pass

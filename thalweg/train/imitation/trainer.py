@@ -26,8 +26,8 @@ class ImitationTrainer(StudentTrainer):
         )
         self.env = env
         self.flights = Flights(env, student, seed)
-        # More is never stored, and room is reserved at once.
-        self.store = SequenceStore(min(student.config.capacity, steps), student.config.sequence)
+        # A run stores no more, and room is reserved at once.
+        self.store = SequenceStore(min(student.config.capacity, steps + env.num_envs), student.config.sequence)
         self._restarted = np.arange(env.num_envs) < round(student.config.start_share * env.num_envs)
         """[N] whether flights begin anew every `start_steps`. Statistics leave them out: only failures would end."""
 
@@ -85,6 +85,7 @@ class ImitationTrainer(StudentTrainer):
             mirrored = self.flights.in_mirror(sequences)
             self.stages["learn"] += time.perf_counter() - before
             self.learn(mirrored)
+            del mirrored  # stored ones are drawn into as much memory
         replayed = round(config.replay * self.env.num_envs)
         if self.store.count and replayed:
             chosen = self.flights.rng.integers(self.store.count, size=replayed)

@@ -11,8 +11,8 @@ OTHER_MOVE = -1.0
 
 
 def teacher_worths(env: RiverVectorEnv, teacher: Teacher) -> np.ndarray:
-    """Return the worths [N, M] float64 of all moves in the current state, as a teacher judges
-    them: in segments of the course, but for a teacher of which only the choice is known."""
+    """Return the worths [N, M] float64 of all moves in the current state, in segments of the course; of a
+    teacher of which only the choice is known, those of `choice_worths`."""
     return env.move_worths() if teacher == "steady" else choice_worths(env.pilot_actions(teacher))
 
 

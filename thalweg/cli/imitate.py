@@ -20,8 +20,8 @@ class Imitate(Command):
     """Folder of the run; needed except with --set help."""
     levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
     """Levels of the rivers that are flown."""
-    world_seeds: tuple[str, ...] = ("1000:1064",)
-    """Seeds of each level's rivers (1000:1256 excludes 1256); with --river, of its plants and hills, by default 0."""
+    world_seeds: tuple[str, ...] = ()
+    """Seeds of each level's rivers, by default 1000:1064 (1064 excluded); with --river, of its plants and hills, 0."""
     river: River = NO_FILE
     observation: Literal["rgb+mask", "rgb", "mask"] = "rgb+mask"
     """What the policy sees: the image and the water mask, or one of them."""
@@ -66,13 +66,13 @@ class Imitate(Command):
         named = self.levels if self.levels != type(self).levels else None
         reach = self.river.reach("--levels", named, levels_have_banks=True)
         levels = self.levels if reach else tuple(map(self.river.on_banks, self.levels))
-        usual = reach is not None and self.world_seeds == type(self).world_seeds
+        seeds = self.world_seeds or (("1000:1064",) if reach is None else ("0",))
         imitation = Imitation(
             self.out,
             steps=self.steps,
             seed=self.seed,
             levels=levels,
-            world_seeds=parse_seeds(("0",) if usual else self.world_seeds, "--world-seeds", UsageError),
+            world_seeds=parse_seeds(seeds, "--world-seeds", UsageError),
             river=reach,
             num_envs=self.num_envs,
             rivers_in_memory=self.rivers_in_memory,

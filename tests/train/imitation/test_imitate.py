@@ -249,6 +249,30 @@ def test_a_real_river_is_learnt_from_after_the_gate_and_known_by_its_content(tmp
         imitation(tmp_path / "run", **options).run()
 
 
+@pytest.mark.parametrize(
+    ("given", "first", "number"),
+    [
+        (["--river"], 0, 1),
+        (["--river", "--world-seeds", "1000:1064"], 1000, 64),
+        (["--levels", "Easy"], 1000, 64),
+        (["--levels", "Easy", "--world-seeds", "3"], 3, 1),
+    ],
+)
+def test_seeds_that_are_given_are_those_of_the_rivers_though_they_are_the_usual_ones(
+    given: list[str], first: int, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    file = tmp_path / "brook.geojson"
+    file.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0008, 48], [9.0016, 48.0003]]}')
+
+    def interrupted(run: Imitation, progress: bool) -> None:
+        assert (run.world_seeds[0], len(run.world_seeds)) == (first, number)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Imitation, "run", interrupted)
+    river = ["--river", str(file)] if given[0] == "--river" else []
+    assert main(["imitate", "--out", str(tmp_path / "run"), *river, *given[len(river) // 2 :]]) == 130
+
+
 def test_valleys_of_a_real_river_that_do_not_fit_are_refused_once_one_is_built(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -21,7 +21,7 @@ from thalweg.env.task.ideal_eye import FEATURES
 from thalweg.env.tasks import TASKS
 from thalweg.render.records.props import KIND, YAW, PropKind, X, Y
 from thalweg.render.records.randomisation import Randomisation
-from thalweg.train.encoder import geometry
+from thalweg.train.encoder import geometry, views
 from thalweg.train.encoder.geometry import GeometryTraining, geometry_config, half_mirrored
 from thalweg.train.encoder.targets import TASK_TARGETS, targets_of
 from thalweg.train.encoder.views import STATION_AHEAD_M, KnownViews, draw_views, flight_views, start_views
@@ -69,6 +69,20 @@ def test_views_of_a_task_do_not_depend_on_the_others(rivers: RiverList, flights:
     paper = flight_views(rivers, 8, 3)
     assert paper.props.shape == (16, 0, 6) and np.array_equal(paper.truths, flights.truths[:16, : len(FEATURES)])
     assert not np.array_equal(flights.pose[flights.task == 1], flights.pose[flights.task == 2])
+
+
+def test_moves_of_pilots_are_disturbed_by_random_ones(rivers: RiverList, monkeypatch: pytest.MonkeyPatch):
+    disturbed = flight_views(rivers, 8, 3).pose.reshape(8, 2, 4)
+    monkeypatch.setattr(views, "MOST_NOISE", 0.0)
+    calm = flight_views(rivers, 8, 3).pose.reshape(8, 2, 4)
+    ended = [False, False]  # the canal ends after six views, and the flight begins anew
+    assert (disturbed != calm).any(-1)[:, 1].tolist() == [False, *[True] * 5, *ended]
+    env = RiverVectorEnv([rivers.course(0), rivers.course(1)], 2, EnvConfig(observation="none"))
+    env.reset(seed=views._seeds(3, 2, views.PAPER_TASK))
+    for step in range(29):
+        if step % 4 == 0:
+            assert np.array_equal(env.state.pose, calm[step // 4])
+        env.step(env.pilot_actions("scripted"))
 
 
 def test_the_nearest_swimmer_in_view_is_that_of_a_slow_search(flights: KnownViews):

@@ -7,8 +7,9 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from thalweg.env import EnvConfig, RiverVectorEnv
+from thalweg.env import DoneReason, EnvConfig, RiverVectorEnv
 from thalweg.train.errors import TrainingError
+from thalweg.train.imitation import gate
 from thalweg.train.imitation.gate import check_teacher, flown_by
 from thalweg.world import Reach, level_named
 
@@ -56,3 +57,14 @@ def late(env: RiverVectorEnv) -> np.ndarray:
 def test_one_failure_among_many_is_found():
     with pytest.raises(TrainingError, match="fails its gate on Easy-8"):
         check_teacher(LEVEL, [7, 8, 9], EnvConfig(), late)
+
+
+def test_who_flies_a_whole_loop_has_the_whole_return(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    file, line = tmp_path / "brook.geojson", [[9, 48], [9.0008, 48], [9.0016, 48.0003]]
+    file.write_text(json.dumps({"type": "LineString", "coordinates": line}))
+    monkeypatch.setattr(gate, "_flown", lambda *_: (np.array([9.99]), np.array([int(DoneReason.SUCCESS)])))
+    with pytest.raises(TrainingError, match=r"it returns 9\.99 of 10 and ends by Success"):
+        check_teacher(LEVEL, [5], EnvConfig(), hover)
+    check_teacher(Reach(file, width_m=9.0), [5], EnvConfig(), hover)  # an open course: the rest lies before the start
+    monkeypatch.setattr(gate, "_flown", lambda *_: (np.array([10.0]), np.array([int(DoneReason.SUCCESS)])))
+    check_teacher(LEVEL, [5], EnvConfig(), hover)

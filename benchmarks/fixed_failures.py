@@ -51,7 +51,8 @@ DRY = 0.01
 """Share of a frame below which hardly any water is seen."""
 MARGIN_M = 20.0
 """Land around a river on its map."""
-ORDINALS = ("first", "second", "third")
+LETTERS = ("A", "B", "C")
+"""Names of the students on the page, in the order of their rows."""
 COLOURS = ("#d7301f", "#2166ac", "#f4a300")
 Rows = Sequence[Mapping[str, str]]
 
@@ -103,9 +104,9 @@ def table(rows: Rows) -> str:
     lines = []
     for level in LEVELS:
         dry_starts = {row["student"]: row["dry_starts"] for row in rows if row["level"] == level and not row["start"]}
-        for name, word in zip(students_of(rows), ORDINALS, strict=False):
+        for name, letter in zip(students_of(rows), LETTERS, strict=False):
             if name in dry_starts:
-                lines.append([level, dry_starts[name], f"the {word}", *map(str, counts_of(rows, name, level))])
+                lines.append([level, dry_starts[name], letter, *map(str, counts_of(rows, name, level))])
     header = [
         "level",
         "starts that show hardly any water",
@@ -181,8 +182,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     if given.write:
         rows = of_versions(read_csv(given.out, COLUMNS), VERSIONS)
-        if (found := len(students_of(rows))) > len(ORDINALS):
-            parser.error(f"{given.out} holds {found} students, but the page has room for {len(ORDINALS)}")
+        if (found := len(students_of(rows))) > len(LETTERS):
+            parser.error(f"{given.out} holds {found} students, but the page has room for {len(LETTERS)}")
         text = table(rows) if rows else "Nothing was measured with today's versions.\n"
         write_atomic(PAGE, replace_section(PAGE.read_text(encoding="utf-8"), SECTION, text))
         if rows:
@@ -190,8 +191,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 maps(rows).savefig(draft, format="jpeg", dpi=140, pil_kwargs={"quality": 85})
         return 0
     paths = [policy_path(student) for student in given.students]
-    if not 1 <= len(paths) <= len(ORDINALS):
-        parser.error(f"between one and {len(ORDINALS)} students are needed, not {len(paths)}")
+    if not 1 <= len(paths) <= len(LETTERS):
+        parser.error(f"between one and {len(LETTERS)} students are needed, not {len(paths)}")
     done = {tuple(row[name] for name in KEY) for row in rows_of(given.out, COLUMNS) if not row["start"]}
     for level in given.levels:
         for path in paths:

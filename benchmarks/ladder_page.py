@@ -38,6 +38,8 @@ SHOWN = (("seen", "Medium"), ("unseen", "Medium"), ("unseen", "Hard"), ("varied"
 PLOTTED = "Medium"
 TABULATED = (*CLIMBERS, *COMPARED)
 """Lines of the table of the ladder; only climbers are plotted."""
+APART = 1.08
+"""Factor by which the numbers of rivers are drawn aside, so that intervals of seen and unseen rivers are told apart."""
 Rows = Sequence[Mapping[str, str]]
 
 
@@ -118,10 +120,10 @@ def drawn_ladder(rows: Iterable[Mapping[str, str]]) -> bytes | None:
         figure = Figure(figsize=(7.2, 2.9))
         for axes, looks in zip(figure.subplots(1, 2, sharey=True), (FIXED, VARIED), strict=True):
             for name, colour in zip(names, COLOURS, strict=False):
-                for kind, style in (("seen", "--"), ("unseen", "-")):
+                for kind, style, shift in (("seen", "--", 1.0 / APART), ("unseen", "-", APART)):
                     line = selected(shown, arm=name, looks=looks, kind=kind)
                     if line:
-                        _draw_line(axes, line, color=colour, linestyle=style, label=f"{name}, {kind}")
+                        _draw_line(axes, line, shift, color=colour, linestyle=style, label=f"{name}, {kind}")
             axes.set(title=f"trained under {looks} looks", xlabel=f"rivers of {PLOTTED}", ylim=(0.0, 10.3))
             axes.set_xscale("log")
             axes.set_xticks(RUNGS, labels=[str(rung) for rung in RUNGS])
@@ -132,13 +134,13 @@ def drawn_ladder(rows: Iterable[Mapping[str, str]]) -> bytes | None:
         return png(figure)
 
 
-def _draw_line(axes: Axes, rows: Rows, **style: Any) -> None:
-    """Draw mean returns over the number of rivers, with intervals where there are enough seeds."""
+def _draw_line(axes: Axes, rows: Rows, shift: float, **style: Any) -> None:
+    """Draw mean returns over the number of rivers times `shift`, with intervals where there are enough seeds."""
     rivers = sorted({int(row["rivers"]) for row in rows})
     found = [mean_return(selected(rows, rivers=str(number))) for number in rivers]
     ends = np.array([(each.value - each.low, each.high - each.value) for each in found])
     axes.errorbar(
-        rivers,
+        [shift * number for number in rivers],
         [each.value for each in found],
         np.nan_to_num(ends).T,
         marker="o",

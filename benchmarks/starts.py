@@ -174,7 +174,8 @@ def page_section(rows: Sequence[dict[str, str]]) -> str:
         "Each cell: the share of starts that fail, of how many; a start fails if its flight ends within"
         f" {STEPS} steps. Random starts on {len(RIVERS)} rivers of each level, by where most of the visible water lies"
         " along the course."
-        f" Water within {NEAR_M:g} m along it does not count: it tells no way."
+        f" Water within {NEAR_M:g} m along it does not count, as it tells no way; `hardly any water` is less than"
+        f" {100 * WATER_SHARE:g} % of the frame."
     )
     return f"{markdown(frame(header, lines))}\n{wrap(note)}"
 

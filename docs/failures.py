@@ -55,8 +55,9 @@ class Failure:
         """Level, river, reason, length and return, on one line."""
         looks = ", varied looks" if self.varied else ""
         ended = REASON_TEXT[self.episode.reason]
+        steps = "step" if self.episode.length == 1 else "steps"
         return (
-            f"{self.episode.level}, river {self.world.seed:,}{looks}: {ended} after {self.episode.length} steps,"
+            f"{self.episode.level}, river {self.world.seed:,}{looks}: {ended} after {self.episode.length} {steps},"
             f" return {self.episode.return_:.2f}"
         )
 

@@ -11,6 +11,11 @@ from thalweg.cli.run_result import print_result
 from thalweg.cli.settings_help import HELP, print_settings
 from thalweg.core.seeds import parse_seeds
 
+LEVELS, SEEDS = ("Easy", "Medium", "Hard"), ("1000:1064",)
+"""Levels and seeds of their rivers, unless others are given."""
+REACH_SEEDS = ("0",)
+"""Seeds of the plants and hills of a real river, unless others are given."""
+
 
 @dataclass(frozen=True)
 class Imitate(Command):
@@ -18,10 +23,10 @@ class Imitate(Command):
 
     out: Path | None = None
     """Folder of the run; needed except with --set help."""
-    levels: tuple[str, ...] = ("Easy", "Medium", "Hard")
-    """Levels of the rivers that are flown."""
+    levels: tuple[str, ...] = ()
+    """Levels of the rivers that are flown; by default Easy, Medium and Hard."""
     world_seeds: tuple[str, ...] = ()
-    """Seeds of each level's rivers, by default 1000:1064 (1064 excluded); with --river, of its plants and hills, 0."""
+    """Seeds of each level's rivers, by default 1000:1064; with --river, seeds of its plants and hills, by default 0."""
     river: River = NO_FILE
     observation: Literal["rgb+mask", "rgb", "mask"] = "rgb+mask"
     """What the policy sees: the image and the water mask, or one of them."""
@@ -63,10 +68,9 @@ class Imitate(Command):
             raise UsageError("--set observation: give --observation instead")
         if self.recordings:
             return self._clone(settings)
-        named = self.levels if self.levels != type(self).levels else None
-        reach = self.river.reach("--levels", named, levels_have_banks=True)
-        levels = self.levels if reach else tuple(map(self.river.on_banks, self.levels))
-        seeds = self.world_seeds or (("1000:1064",) if reach is None else ("0",))
+        reach = self.river.reach("--levels", self.levels, levels_have_banks=True)
+        levels = LEVELS if reach else tuple(map(self.river.on_banks, self.levels or LEVELS))
+        seeds = self.world_seeds or (SEEDS if reach is None else REACH_SEEDS)
         imitation = Imitation(
             self.out,
             steps=self.steps,
@@ -117,5 +121,5 @@ class Imitate(Command):
             result = cloning.run(progress=True)
         except TrainingError as error:
             raise TrainingError(re.sub(r"^sequences (?=must|=)", "num_envs ", str(error))) from error
-        print_result(result, ["--levels", *self.levels, "--unseen"])
+        print_result(result, ["--levels", *LEVELS, "--unseen"])
         return 0

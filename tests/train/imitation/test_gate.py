@@ -35,10 +35,15 @@ def test_a_teacher_that_fails_is_named_with_its_river_and_start():
     assert "ends by Idle; nothing is learnt from it" in str(error.value)
 
 
-def test_starts_on_a_real_river_are_flown(tmp_path: Path):
+@pytest.fixture
+def brook(tmp_path: Path) -> Reach:
     file, line = tmp_path / "brook.geojson", [[9, 48], [9.0008, 48], [9.0016, 48.0003]]
     file.write_text(json.dumps({"type": "LineString", "coordinates": line}))
-    brook, flown = Reach(file, width_m=9.0), []
+    return Reach(file, width_m=9.0)
+
+
+def test_starts_on_a_real_river_are_flown(brook: Reach):
+    flown: list[int] = []
     assert not brook.build().river.closed
     check_teacher(brook, range(4), EnvConfig(), flown_by("steady"), on_flown=flown.append)
     assert flown == [4]
@@ -59,12 +64,10 @@ def test_one_failure_among_many_is_found():
         check_teacher(LEVEL, [7, 8, 9], EnvConfig(), late)
 
 
-def test_who_flies_a_whole_loop_has_the_whole_return(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    file, line = tmp_path / "brook.geojson", [[9, 48], [9.0008, 48], [9.0016, 48.0003]]
-    file.write_text(json.dumps({"type": "LineString", "coordinates": line}))
+def test_a_return_below_10_fails_the_gate_on_a_loop_alone(brook: Reach, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(gate, "_flown", lambda *_: (np.array([9.99]), np.array([int(DoneReason.SUCCESS)])))
     with pytest.raises(TrainingError, match=r"it returns 9\.99 of 10 and ends by Success"):
         check_teacher(LEVEL, [5], EnvConfig(), hover)
-    check_teacher(Reach(file, width_m=9.0), [5], EnvConfig(), hover)  # an open course: the rest lies before the start
+    check_teacher(brook, [5], EnvConfig(), hover)  # an open course: what is missing lies behind the start
     monkeypatch.setattr(gate, "_flown", lambda *_: (np.array([10.0]), np.array([int(DoneReason.SUCCESS)])))
     check_teacher(LEVEL, [5], EnvConfig(), hover)

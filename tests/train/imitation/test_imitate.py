@@ -233,10 +233,15 @@ def test_a_policy_says_what_it_sees(tmp_path: Path):
     assert policy.greedy and policy.shape.eyes.image == (128, 128, 1)
 
 
-def test_a_real_river_is_learnt_from_after_the_gate_and_known_by_its_content(tmp_path: Path):
+@pytest.fixture
+def brook(tmp_path: Path) -> Path:
     file = tmp_path / "brook.geojson"
     file.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0008, 48], [9.0016, 48.0003]]}')
-    options = {"river": Reach(file, width_m=9.0), "world_seeds": (0, 1), "steps": 8}
+    return file
+
+
+def test_a_real_river_is_learnt_from_after_the_gate_and_known_by_its_content(brook: Path, tmp_path: Path):
+    options = {"river": Reach(brook, width_m=9.0), "world_seeds": (0, 1), "steps": 8}
     imitation(tmp_path / "run", **options).run()
     context = load_policy(tmp_path / "run").about.context
     assert context["river"]["file"] == "brook.geojson" and context["world_seeds"] == [0, 1]
@@ -244,45 +249,54 @@ def test_a_real_river_is_learnt_from_after_the_gate_and_known_by_its_content(tmp
     assert imitation(tmp_path / "run", **options).run().already_finished
     with pytest.raises(TrainingError, match=r"context\.river"):
         imitation(tmp_path / "run", steps=8).run()
-    file.write_text(file.read_text().replace("9.0008", "9.0009"))
+    brook.write_text(brook.read_text().replace("9.0008", "9.0009"))
     with pytest.raises(TrainingError, match=r"brook\.geojson has changed since the run in .* was started"):
         imitation(tmp_path / "run", **options).run()
 
 
 @pytest.mark.parametrize(
-    ("given", "first", "number"),
+    ("on_river", "options", "first", "number"),
     [
-        (["--river"], 0, 1),
-        (["--river", "--world-seeds", "1000:1064"], 1000, 64),
-        (["--levels", "Easy"], 1000, 64),
-        (["--levels", "Easy", "--world-seeds", "3"], 3, 1),
+        (True, [], 0, 1),
+        (True, ["--world-seeds", "1000:1064"], 1000, 64),
+        (False, [], 1000, 64),
+        (False, ["--world-seeds", "3"], 3, 1),
     ],
 )
-def test_seeds_that_are_given_are_those_of_the_rivers_though_they_are_the_usual_ones(
-    given: list[str], first: int, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_explicit_seeds_are_taken_on_a_real_river_though_they_are_the_default_of_levels(
+    on_river: bool,
+    options: list[str],
+    first: int,
+    number: int,
+    brook: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ):
-    file = tmp_path / "brook.geojson"
-    file.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0008, 48], [9.0016, 48.0003]]}')
-
     def interrupted(run: Imitation, progress: bool) -> None:
         assert (run.world_seeds[0], len(run.world_seeds)) == (first, number)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Imitation, "run", interrupted)
-    river = ["--river", str(file)] if given[0] == "--river" else []
-    assert main(["imitate", "--out", str(tmp_path / "run"), *river, *given[len(river) // 2 :]]) == 130
+    ground = ["--river", str(brook)] if on_river else ["--levels", "Easy"]
+    assert main(["imitate", "--out", str(tmp_path / "run"), *ground, *options]) == 130
+
+
+def test_explicit_levels_beside_a_real_river_are_refused_though_they_are_the_default(
+    brook: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    given = ["--river", str(brook), "--levels", "Easy", "Medium", "Hard"]
+    assert main(["imitate", "--out", str(tmp_path / "run"), *given]) == 2
+    assert "give --levels or --river, not both: Easy Medium Hard and " in capsys.readouterr().err
 
 
 def test_valleys_of_a_real_river_that_do_not_fit_are_refused_once_one_is_built(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    brook: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    file = tmp_path / "brook.geojson"
-    file.write_text('{"type": "LineString", "coordinates": [[9, 48], [9.0008, 48], [9.0016, 48.0003]]}')
     built, build = [], Reach.build
     monkeypatch.setattr(Reach, "build", lambda reach, seed: built.append(seed) or build(reach, seed))
     monkeypatch.setattr(imitate, "free_bytes", lambda: 1_000_000)
     with pytest.raises(ConfigError, match=r"^1,000 rivers of .* MB need .* GB"):
-        imitation(tmp_path / "run", river=Reach(file, width_m=9.0), world_seeds=range(1000)).run()
+        imitation(tmp_path / "run", river=Reach(brook, width_m=9.0), world_seeds=range(1000)).run()
     assert built == [0]
 
 

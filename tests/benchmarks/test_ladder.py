@@ -402,7 +402,8 @@ def test_the_plot_has_a_line_for_each_climber_and_kind(script: ModuleType, page:
     fixed, varied = figures[0].axes
     drawn = {container.get_label(): container.lines[0] for container in fixed.containers}
     assert set(drawn) == {"student, seen", "student, unseen"} and not varied.containers
-    assert np.array_equal(drawn["student, unseen"].get_xydata(), [[1, 0.125], [4, 0.5], [16, 6.0]])
+    assert drawn["student, unseen"].get_xydata() == pytest.approx(np.array([[1.08, 0.125], [4.32, 0.5], [17.28, 6.0]]))
+    assert drawn["student, seen"].get_xydata() == pytest.approx(np.array([[4 / 1.08, 9.0]]))
     (bars,) = fixed.containers[1].lines[2]
     lengths = [segment[1, 1] - segment[0, 1] for segment in bars.get_segments()]
     assert lengths == pytest.approx([0.0, 0.0, 2 * 2.4841], abs=1e-3)

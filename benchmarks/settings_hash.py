@@ -16,6 +16,7 @@ ADDED: Mapping[str, Any] = {
     "imitation_kl": 0.0,
     "imitation_kl_share": 0.5,
     "curvature_steps": 0,
+    "cost_unit": "step",
 }
 """Settings that were added after rows were committed, with the defaults with which they do nothing."""
 ADDED_TO_PLANNERS: Mapping[str, Any] = {"return_bounds": []}

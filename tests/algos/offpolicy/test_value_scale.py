@@ -35,6 +35,19 @@ def test_units_are_the_deviation_of_returns_and_the_largest_cost_of_a_step():
     assert scale.scaled(torch.tensor([[2.0], [1.0]]))[:, 0].tolist() == pytest.approx([2.0 / (2 / 3) ** 0.5, 2.0])
 
 
+def test_the_unit_of_a_cost_may_be_its_limit_where_that_is_greater():
+    dense = {"cost_unit": "limit", "cost_limit": 4.0}
+    scale = scale_of([1.0, 1.0, 1.0], [0.0, 0.25, 0.5], **dense)
+    assert scale.units[:, 0].tolist() == pytest.approx([(2 / 3) ** 0.5, 4.0])
+    assert float(scale.scaled(torch.tensor([[2.0], [1.0]]))[1, 0]) == 0.25
+    assert float(scale_of([1.0], [5.0], **dense).units[1]) == 5.0
+    assert float(scale_of([1.0], [0.5], **dense, scale_returns=False).units[1]) == 1.0
+    two = ValueScale(DDPGLagConfig(cost_unit="limit", cost_limits=(0.1, 7.0)), 2, 1, CPU)
+    two.statistics.largest_step[1:] = 1.0
+    two._refresh()
+    assert two.units[1:, 0].tolist() == [1.0, 7.0]
+
+
 def test_no_return_exceeds_ten_units():
     scale = scale_of([0.0] * 9999 + [1.0], [0.0] * 10_000, discount=0.0)  # deviation 0.01
     assert float(scale.units[0]) == pytest.approx(LEAST_UNIT)

@@ -1,8 +1,9 @@
 """Units and bounds of critics' values, from the rewards and costs of a run and the returns of its finished episodes.
 
 The unit of the reward is the standard deviation of the discounted return from a step on; that of a cost is the largest
-cost of a single step. A deviation of costs would shrink as a policy learns to avoid them, and the same multiplier would
-weigh one cost more and more, until it outweighs all that can be earned.
+cost of a single step, or its limit where that is greater and the config says so. A deviation of costs would shrink as a
+policy learns to avoid them, and the same multiplier would weigh one cost more and more, until it outweighs all that can
+be earned.
 
 Critics learn rewards and costs in these units, and their targets stay within the bounds. The replay buffer holds raw
 numbers, so that every batch is in the units of the moment. Letters: N environments, T steps, B rows of a batch, S =
@@ -10,7 +11,7 @@ numbers, so that every batch is in the units of the moment. Letters: N environme
 """
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import torch
@@ -21,6 +22,8 @@ from thalweg.algos.common.value_bounds import impossible_values
 from thalweg.algos.constraint.cost_limits import ENOUGH_EPISODES, as_word, cost_suffixes
 from thalweg.algos.interface import Feedback, Rollout
 
+CostUnit = Literal["step", "limit"]
+
 LEAST_UNIT = 0.1
 """Least unit of the reward, as a share of the largest return: no return exceeds ten units, however rare it is."""
 
@@ -30,6 +33,10 @@ class ValueScaleConfig(Protocol):
 
     @property
     def scale_returns(self) -> bool: ...
+    @property
+    def cost_unit(self) -> CostUnit: ...
+    @property
+    def limits(self) -> tuple[float, ...]: ...
     @property
     def bound_targets(self) -> bool: ...
     @property
@@ -100,6 +107,8 @@ class ValueScale:
         found = self.statistics
         if self.config.scale_returns:
             units = found.largest_step.copy()
+            if self.config.cost_unit == "limit":
+                units[1:] = np.maximum(units[1:], self.config.limits)
             units[0] = max(found.deviation[0], LEAST_UNIT * max(-found.low[0], found.high[0])) if found.count else 1.0
             self._set(self.units, np.where(units > 0.0, units, 1.0))
         for tensor, values in zip((self._low, self._high), self.bounds(), strict=True):

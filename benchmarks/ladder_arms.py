@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from any_river import LEVELS, LOOKS
+from settings_hash import without_latest
 
 from thalweg.algos.imitation.config import ImitationConfig
 from thalweg.algos.imitation.student import ALGORITHM as STUDENT
@@ -141,7 +142,7 @@ class Arm:
             self.looks,
             str(self.seed),
             str(self.steps),
-            digest(self.resolved),
+            digest(without_latest(self.resolved)),
             "none" if self.sees_images else hash_of_encoder(self.encoder),
             " ".join(f"{name}={number}" for name, number in made_with.items()),
         )
@@ -150,7 +151,7 @@ class Arm:
     def folder(self) -> str:
         """Name of the folder of its run, another one for everything that the policy depends on."""
         encoder = None if self.sees_images else hash_of_encoder(self.encoder)
-        parts = self.resolved, self.levels, self.first_river, self.training_versions, encoder
+        parts = without_latest(self.resolved), self.levels, self.first_river, self.training_versions, encoder
         return f"{self.label}-{self.steps}-{digest(parts)}"
 
     def cells(self, episodes: int, kinds: Sequence[str] = KINDS) -> list["Cell"]:

@@ -6,6 +6,7 @@ from types import ModuleType
 
 import pytest
 
+from thalweg.algos.offpolicy.td3lag import TD3LagConfig
 from thalweg.algos.onpolicy.config import NaturalConfig
 from thalweg.algos.planning.ccepets import CCEPETSConfig
 from thalweg.core.config import to_plain
@@ -22,6 +23,8 @@ def test_other_values_give_another_hash_and_added_settings_count_once_they_are_c
     assert script.settings_hash(early) != script.settings_hash({"discount": 0.9})
     assert script.settings_hash(early | {"imitation_kl": 0.0}) == script.settings_hash(early)
     assert script.settings_hash(early | {"imitation_kl": 1.0}) != script.settings_hash(early)
+    assert script.settings_hash(early | {"cost_unit": "step"}) == script.settings_hash(early)
+    assert script.settings_hash(early | {"cost_unit": "limit"}) != script.settings_hash(early)
 
 
 def test_the_added_settings_have_their_defaults(script: ModuleType):
@@ -29,6 +32,8 @@ def test_the_added_settings_have_their_defaults(script: ModuleType):
     assert {name: defaults[name] for name in script.ADDED} == dict(script.ADDED)
     planner = to_plain(CCEPETSConfig())
     assert {name: planner[name] for name in script.ADDED_TO_PLANNERS} == dict(script.ADDED_TO_PLANNERS)
+    off_policy = to_plain(TD3LagConfig())
+    assert {name: off_policy[name] for name in script.ADDED_OFF_POLICY} == dict(script.ADDED_OFF_POLICY)
 
 
 def test_bounds_of_returns_were_added_to_planners_alone(script: ModuleType):

@@ -84,5 +84,5 @@ def test_long_runs_of_seeds_are_written_as_ranges_and_read_again(seeds, data):
 def test_seeds_of_unseen_rivers_are_refused_for_training():
     refuse_unseen((), "seeds", ValueError)
     refuse_unseen((0, UNSEEN - 1), "seeds", ValueError)
-    with pytest.raises(KeyError, match=r"seeds: rivers from seed 100,000 on .* lower seeds than 100,000"):
+    with pytest.raises(KeyError, match=r"seeds: rivers from seed 100,000 on .* give lower seeds, not 100,000"):
         refuse_unseen((7, UNSEEN), "seeds", KeyError)  # pyright: ignore[reportArgumentType]

@@ -187,7 +187,7 @@ def test_a_planner_cannot_initialise_a_policy(tmp_path: Path):
 
 def test_a_folder_without_a_policy_is_named(tmp_path: Path):
     (tmp_path / "empty").mkdir()
-    with pytest.raises(AlgorithmError, match=r"no policy\.safetensors in .*empty \(not a run\)"):
+    with pytest.raises(AlgorithmError, match=r"empty is not the folder of a run: it holds no policy\.safetensors"):
         train(tmp_path / "run", begin_with=tmp_path / "empty", **at_once())
 
 

@@ -159,6 +159,8 @@ def test_the_rivers_in_memory_are_announced(capsys: pytest.CaptureFixture):
     river.print_once.cache_clear()
     RiverTraining("Easy", 1, range(900, 909), rivers_in_memory=3)._envs(None, "cpu").close()  # pyright: ignore
     assert capsys.readouterr().err == "9 rivers, another one in each episode; 2 of them in memory, 0.0 MB\n"
+    RiverTraining("Easy", 1, (900,), rivers="episode")._envs(None, "cpu").close()  # pyright: ignore
+    assert capsys.readouterr().err == "1 river, 0.0 MB in memory\n"
 
 
 def test_numbers_of_numpy_become_pythons():

@@ -180,7 +180,11 @@ def test_numbers_of_numpy_are_the_same_run(tmp_path):
 
 
 def test_a_folder_without_a_policy_is_refused(tmp_path):
-    with pytest.raises(AlgorithmError, match="not a run"):
+    with pytest.raises(AlgorithmError, match=r"is not the folder of a run: it holds no policy\.safetensors"):
+        load_policy(tmp_path)
+    (tmp_path / "status.json").write_text('{"state": "running"}')
+    words = r"no policy\.safetensors in .* \(running\): it is written when the run finishes, and the command that began"
+    with pytest.raises(AlgorithmError, match=words):
         load_policy(tmp_path)
 
 

@@ -43,7 +43,7 @@ class RiverFile:
     open_water: bool = False
     """Leave out the bridges and islands of the file."""
     banks: tuple[str, ...] = ()
-    """Banks of a real river, or (not in bench) of a level: meadow, reeds or quay; of a reach: quay_120-180_left."""
+    """Banks of a real river, or (not in bench) a level: forest, meadow, reeds, quay; of a reach: quay_120-180_left."""
 
     def reach(self, level_option: str, level: str | Sequence[str] | None, *, levels_have_banks: bool = False) -> Any:
         """Return the selected `thalweg.world.Reach`, or None if no file is given.

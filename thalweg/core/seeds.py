@@ -44,7 +44,7 @@ def refuse_unseen(seeds: Sequence[int], what: str, error: type[ValueError]) -> N
     if (seed := max(seeds, default=0)) >= UNSEEN:
         raise error(
             f"{what}: rivers from seed {UNSEEN:,} on are kept for flights on unseen rivers, and nothing is trained on"
-            f" them; give lower seeds than {seed:,}"
+            f" them; give lower seeds, not {seed:,}"
         )
 
 

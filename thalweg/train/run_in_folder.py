@@ -237,6 +237,10 @@ def policy_file(path: str | Path) -> Path:
     """
     path = Path(path)
     if path.is_dir() and not (path / run_record.POLICY).exists():
-        state = run_record.read_status(path).get("state", "not a run")
-        raise AlgorithmError(f"there is no {run_record.POLICY} in {path} ({state}): it is written when a run finishes")
+        if (state := run_record.read_status(path).get("state")) is None:
+            raise AlgorithmError(f"{path} is not the folder of a run: it holds no {run_record.POLICY}")
+        raise AlgorithmError(
+            f"there is no {run_record.POLICY} in {path} ({state}): it is written when the run finishes, and the"
+            " command that began the run resumes it"
+        )
     return path / run_record.POLICY if path.is_dir() else path

@@ -60,7 +60,9 @@ def load_policy(path: str | Path, device: torch.device = CPU) -> Any:
             header = json.loads((file.metadata() or {}).get(HEADER, "null"))
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
     except Exception as error:  # also for types of numbers that NumPy lacks, and for JSON nested too deep
-        raise AlgorithmError(f"{path} is not a complete policy file: {error}") from error
+        raise AlgorithmError(
+            f"{path} is no policy file, such as policy.safetensors in a run's folder, or a damaged one: {error}"
+        ) from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         version = header.get("format") if isinstance(header, dict) else "none"
         raise AlgorithmError(f"{path} holds a policy of format {version}, this version reads {FORMAT}")

@@ -91,6 +91,8 @@ class RiverPool:
     def description(self) -> str:
         """A sentence about how many rivers there are, and how many of them are in memory."""
         count, most = len(self.rivers), min(self.slots, len(self.rivers))
+        if count == 1:
+            return f"1 river, {self.bytes_each / 1e6:,.1f} MB in memory"
         held = "all" if most == count else f"{most:,}"
         return (
             f"{count:,} rivers, another one in each episode; {held} of them in memory,"

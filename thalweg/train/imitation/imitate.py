@@ -175,8 +175,9 @@ class Imitation:
         """Let the teacher fly rivers of each level, or starts on a real river; raises `TrainingError` if it fails."""
         for ground in grounds:
             if seeds:
-                what = "rivers of" if isinstance(ground, Level) else "starts on"
-                print_once(f"the teacher flies {len(seeds)} {what} {ground.name}, before anything is learnt from it")
+                one, where = ("river", "of") if isinstance(ground, Level) else ("start", "on")
+                what = f"{len(seeds)} {one}{'s' if len(seeds) > 1 else ''} {where} {ground.name}"
+                print_once(f"the teacher flies {what}, before anything is learnt from it")
             check_teacher(ground, seeds, rules, flown_by(teacher))
 
     def _check(self, grounds: Sequence[Level | Reach], seeds: Sequence[int]) -> None:

@@ -7,13 +7,14 @@
 
 Each run learns by the ideal eye at the middle limit of its task, on rivers and with seeds that the suites of these
 tasks do not have, and its policy is flown as theirs: sampled flights on the fixed river of Medium and on unseen ones.
-`swing` is the standard deviation, over the last quarter of the training, of the mean cost by which the multiplier is
-updated. A row of multipliers.csv is put in as a run is flown; a run that has one of today's versions and settings is
-skipped, and one that was interrupted resumes in the folder `--runs`.
+`swing` is the standard deviation, over the reports of the last quarter of the training, of the mean cost that the
+multiplier is updated by. A row of multipliers.csv is appended when a run has been flown; a run that has one of today's
+versions and settings is skipped, and one that was interrupted resumes in the folder `--runs`.
 """
 
 import argparse
 import fnmatch
+import hashlib
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -46,7 +47,7 @@ TABLE = HERE / "multipliers.csv"
 PAGE, SECTION = HERE.parent / "docs" / "task-findings.md", "multipliers"
 LEVEL, EPISODES = "Medium", 60
 ALGORITHMS = ("DDPGLag", "TD3Lag", "SACLag")
-CHANGES: Mapping[str, Mapping[str, Any]] = {"defaults": {}, "limit": {"cost_unit": "limit", "multiplier_max": 10.0}}
+CHANGES: Mapping[str, Mapping[str, Any]] = {"defaults": {}, "limit": {"cost_scale": "limit", "multiplier_max": 10.0}}
 """Settings of the multiplier that are compared, by a name."""
 KINDS = ("fixed", "unseen")
 """Flights: on the fixed river of the level, and on one unseen river each."""
@@ -112,7 +113,7 @@ def measure(trial: Trial, runs: Path) -> dict[str, str]:
     """Train, or resume, and fly; returns the row."""
     rules = EnvConfig(observation="none", task=trial.task)
     rivers = RiverTraining(LEVEL, NUM_ENVS, tuple(CHOOSING_RIVERS), rules)
-    folder = runs / f"{trial.label}-{trial.key[KEY.index('config')]}"
+    folder = runs / f"{trial.label}-{hashlib.sha256(repr(trial.key).encode()).hexdigest()[:10]}"
     made_with = {"steps": OFF_POLICY_STEPS, "seed": trial.seed, "settings": trial.settings}
     result = rivers.train(trial.algorithm, None, folder=folder, observation="privileged", **made_with)
     config = EvaluationConfig(episodes=EPISODES, env=rules)
@@ -133,7 +134,7 @@ def courses_of(kind: str, config: EvaluationConfig) -> Iterator[Course]:
 
 
 def training_figures(reports: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """Return `training_cost` and `swing` of a run from its reports, those without a finished episode left out."""
+    """Return `training_cost` and `swing` of a run from its reports, those before a first episode left out."""
     costs = np.array([float(row["cost_mean"]) for row in reports[-(len(reports) // 4) :]])
     costs = costs[np.isfinite(costs)]
     return {"training_cost": f"{costs.mean():.3f}", "swing": f"{costs.std():.3f}"}
@@ -193,12 +194,12 @@ def main() -> int:
         print(*(trial.label for trial in found), sep="\n")
         return 0
     if chosen.write:
-        write_atomic(PAGE, written_page(PAGE.read_text(), read_csv(TABLE, COLUMNS)))
+        write_atomic(PAGE, written_page(PAGE.read_text(encoding="utf-8"), read_csv(chosen.out, COLUMNS)))
         return 0
     clock = Clock(chosen.minutes)
     for trial in found:
         if clock.is_over:
-            print("the time is over; the same command goes on")
+            print("the time is over; the same command resumes")
             break
         if trial.key not in {tuple(row[name] for name in KEY) for row in rows_of(chosen.out, COLUMNS)}:
             row = measure(trial, chosen.runs)

@@ -20,7 +20,7 @@ ADDED: Mapping[str, Any] = {
 """Settings that were added after rows were committed, with the defaults with which they do nothing."""
 ADDED_TO_PLANNERS: Mapping[str, Any] = {"return_bounds": []}
 """Settings that were added to planners only: rows of off-policy algorithms have counted them from the start."""
-ADDED_OFF_POLICY: Mapping[str, Any] = {"cost_unit": "step"}
+ADDED_OFF_POLICY: Mapping[str, Any] = {"cost_scale": "step"}
 """Settings that were added to off-policy algorithms after all of these, also after rows whose hash counts `ADDED`."""
 
 

@@ -39,8 +39,8 @@ def test_three_algorithms_are_compared_at_the_middle_limit_of_each_task(script: 
 
 def test_a_run_is_known_by_its_settings_and_versions(script: ModuleType, monkeypatch: pytest.MonkeyPatch):
     trial = script.Trial("Nests", "TD3Lag", "limit", 10)
-    assert trial.settings["cost_unit"] == "limit" and trial.settings["cost_limit"] == 23.0
-    assert trial.key[:6] == ("Nests", "TD3Lag", "cost_unit=limit multiplier_max=10.0", "23", "100000", "10")
+    assert trial.settings["cost_scale"] == "limit" and trial.settings["cost_limit"] == 23.0
+    assert trial.key[:6] == ("Nests", "TD3Lag", "cost_scale=limit multiplier_max=10.0", "23", "100000", "10")
     config = script.KEY.index("config")
     assert trial.key[config] != replace(trial, change="defaults").key[config]
     before = trial.key
@@ -68,7 +68,7 @@ def test_the_page_has_a_line_for_each_setting(script: ModuleType):
     page = script.written_page("a\n<!-- multipliers -->\nold\n<!-- /multipliers -->\n", [*rows, outdated, rows[0]])
     lines = page.splitlines()
     assert "| RacingLine | 2.3 | SACLag | the defaults | 1.00 | 1, 2.3, 9; 1.00 | 1, 1, 1; 1.00 | 2 of 3 |" in lines
-    settings = "`cost_unit=limit` `multiplier_max=10.0`"
+    settings = "`cost_scale=limit` `multiplier_max=10.0`"
     assert f"| RacingLine | 2.3 | SACLag | {settings} | 0.20 | 2.31; 4.00 | 0.5; 3.00 | 0 of 1 |" in lines
     assert "old" not in page and len(lines) == 1 + 1 + 2 + 2 + 1
 
@@ -101,4 +101,7 @@ def test_a_short_run_is_measured_once(
     assert script.main() == 0 and not capsys.readouterr().out
     assert len(script.read_csv(table, script.COLUMNS)) == 1
     table.unlink()
-    assert script.main() == 0 and script.read_csv(table, script.COLUMNS) == [measured]  # flown again, not trained
+    (metrics,) = tmp_path.glob("*/metrics.csv")
+    before = metrics.stat().st_mtime_ns
+    assert script.main() == 0 and script.read_csv(table, script.COLUMNS) == [measured]
+    assert metrics.stat().st_mtime_ns == before  # flown again, not trained

@@ -23,8 +23,8 @@ def test_other_values_give_another_hash_and_added_settings_count_once_they_are_c
     assert script.settings_hash(early) != script.settings_hash({"discount": 0.9})
     assert script.settings_hash(early | {"imitation_kl": 0.0}) == script.settings_hash(early)
     assert script.settings_hash(early | {"imitation_kl": 1.0}) != script.settings_hash(early)
-    assert script.settings_hash(early | {"cost_unit": "step"}) == script.settings_hash(early)
-    assert script.settings_hash(early | {"cost_unit": "limit"}) != script.settings_hash(early)
+    assert script.settings_hash(early | {"cost_scale": "step"}) == script.settings_hash(early)
+    assert script.settings_hash(early | {"cost_scale": "limit"}) != script.settings_hash(early)
 
 
 def test_the_added_settings_have_their_defaults(script: ModuleType):

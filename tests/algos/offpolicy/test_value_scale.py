@@ -36,16 +36,18 @@ def test_units_are_the_deviation_of_returns_and_the_largest_cost_of_a_step():
 
 
 def test_the_unit_of_a_cost_may_be_its_limit_where_that_is_greater():
-    dense = {"cost_unit": "limit", "cost_limit": 4.0}
+    dense = {"cost_scale": "limit", "cost_limit": 4.0}
     scale = scale_of([1.0, 1.0, 1.0], [0.0, 0.25, 0.5], **dense)
     assert scale.units[:, 0].tolist() == pytest.approx([(2 / 3) ** 0.5, 4.0])
     assert float(scale.scaled(torch.tensor([[2.0], [1.0]]))[1, 0]) == 0.25
     assert float(scale_of([1.0], [5.0], **dense).units[1]) == 5.0
-    assert float(scale_of([1.0], [0.5], **dense, scale_returns=False).units[1]) == 1.0
-    two = ValueScale(DDPGLagConfig(cost_unit="limit", cost_limits=(0.1, 7.0)), 2, 1, CPU)
-    two.statistics.largest_step[1:] = 1.0
-    two._refresh()
-    assert two.units[1:, 0].tolist() == [1.0, 7.0]
+
+
+def test_each_cost_has_the_unit_of_its_own_limit():
+    scale = ValueScale(DDPGLagConfig(cost_scale="limit", cost_limits=(0.1, 7.0)), 2, 1, CPU)
+    fields: dict[str, Any] = {"obs": torch.zeros(2, 1, 1), "rewards": torch.ones(1, 1)}
+    scale.update(rollouts.rollout_of(**fields, terminated=torch.ones(1, 1, dtype=torch.bool)), torch.ones(1, 1, 2))
+    assert scale.units[1:, 0].tolist() == [1.0, 7.0]
 
 
 def test_no_return_exceeds_ten_units():
@@ -171,6 +173,7 @@ def test_targets_of_a_batch_are_in_units_and_bounded():
             r"largest_costs must be left out with normalise_cost, got \[1.0\]",
         ),
         ({"normalise_cost": True, "cost_floor": False}, "scale_returns must be off with normalise_cost, got True"),
+        ({"cost_scale": "limit", "scale_returns": False}, "cost_scale must be step without scale_returns, got limit"),
     ],
 )
 def test_bad_settings_are_errors_that_name_the_field(settings: dict[str, Any], words: str):

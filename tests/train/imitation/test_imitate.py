@@ -378,6 +378,8 @@ def test_kinds_of_banks_are_known_by_their_version(tmp_path: Path):
         (["--levels", "Hard", "--river", "a.gpx"], "give --levels or --river, not both: Hard and a.gpx"),
         (["--width-m", "9"], "--width-m goes with --river"),
         (["--recordings", "flights", "--river", "a.gpx"], "--river does not go with --recordings"),
+        (["--recordings", "flights", "--levels", "Easy", "Medium", "Hard"], "--levels does not go with --recordings"),
+        (["--recordings", "flights", "--world-seeds", "1000:1064"], "--world-seeds does not go with --recordings"),
         (["--river", "none.gpx"], "none.gpx"),
     ],
 )

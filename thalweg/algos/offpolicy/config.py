@@ -9,7 +9,7 @@ from thalweg.algos.common.setting_types import LayerSize
 from thalweg.algos.common.value_bounds import check_return_bounds
 from thalweg.algos.constraint.cost_limits import CostConfig
 from thalweg.algos.constraint.multiplier import MultiplierConfig
-from thalweg.algos.offpolicy.value_scale import CostUnit
+from thalweg.algos.offpolicy.value_scale import CostScale
 from thalweg.algos.policy.actions import Adapter
 from thalweg.algos.policy.mlp import Initial
 from thalweg.algos.policy.mlp_autograd import Activation
@@ -37,13 +37,14 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
     multiplier_gain: FiniteNonNegative = 0.5
     """K_P: added to λ at once for each unit of the violation; 0 for none."""
     multiplier_max: NonNegativeFloat = 3.0
-    """Upper bound of λ. With `scale_returns` it is the number of deviations of the return that a `cost_unit` is worth
-    at most; where an episode pays no more than that, no cost is worth risking, and the policy does nothing."""
+    """Upper bound of λ. With `scale_returns` it is the number of deviations of the return that one unit of cost is
+    worth at most (`cost_scale`); where an episode pays no more than that, no cost is worth risking, and the policy does
+    nothing."""
     scale_returns: bool = True
     """Whether critics learn rewards and costs in units of their own: rewards divided by the running deviation of
-    discounted returns, costs by their `cost_unit`. Multipliers, α and `output_decay` then do not depend on the task's
-    units. The replay buffer holds raw numbers, and limits apply to raw costs."""
-    cost_unit: CostUnit = "step"
+    discounted returns, costs by the unit of `cost_scale`. Multipliers, α and `output_decay` then do not depend on the
+    task's units. The replay buffer holds raw numbers, and limits apply to raw costs."""
+    cost_scale: CostScale = "step"
     """Unit of a cost with `scale_returns`: the largest cost of a step so far ("step"), or the limit where that is
     greater ("limit"). Where an episode has many costs, the multiplier that holds a limit of many of them is small in
     the first unit; in the second its size depends on the task less."""
@@ -123,6 +124,8 @@ class OffPolicyConfig(MultiplierConfig, CostConfig):
             raise ValueError("cost_floor must be off with normalise_cost, got True")
         if self.scale_returns and self.normalise_cost:
             raise ValueError("scale_returns must be off with normalise_cost, got True")
+        if self.cost_scale == "limit" and not self.scale_returns:
+            raise ValueError("cost_scale must be step without scale_returns, got limit")
         if self.largest_costs and self.normalise_cost:
             raise ValueError(f"largest_costs must be left out with normalise_cost, got {list(self.largest_costs)}")
         return self

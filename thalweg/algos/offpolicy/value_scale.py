@@ -22,7 +22,7 @@ from thalweg.algos.common.value_bounds import impossible_values
 from thalweg.algos.constraint.cost_limits import ENOUGH_EPISODES, as_word, cost_suffixes
 from thalweg.algos.interface import Feedback, Rollout
 
-CostUnit = Literal["step", "limit"]
+CostScale = Literal["step", "limit"]
 
 LEAST_UNIT = 0.1
 """Least unit of the reward, as a share of the largest return: no return exceeds ten units, however rare it is."""
@@ -34,7 +34,7 @@ class ValueScaleConfig(Protocol):
     @property
     def scale_returns(self) -> bool: ...
     @property
-    def cost_unit(self) -> CostUnit: ...
+    def cost_scale(self) -> CostScale: ...
     @property
     def limits(self) -> tuple[float, ...]: ...
     @property
@@ -107,7 +107,7 @@ class ValueScale:
         found = self.statistics
         if self.config.scale_returns:
             units = found.largest_step.copy()
-            if self.config.cost_unit == "limit":
+            if self.config.cost_scale == "limit":
                 units[1:] = np.maximum(units[1:], self.config.limits)
             units[0] = max(found.deviation[0], LEAST_UNIT * max(-found.low[0], found.high[0])) if found.count else 1.0
             self._set(self.units, np.where(units > 0.0, units, 1.0))

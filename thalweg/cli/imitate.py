@@ -11,9 +11,7 @@ from thalweg.cli.run_result import print_result
 from thalweg.cli.settings_help import HELP, print_settings
 from thalweg.core.seeds import parse_seeds
 
-LEVELS, SEEDS = ("Easy", "Medium", "Hard"), ("1000:1064",)
-"""Levels and seeds of their rivers, unless others are given."""
-REACH_SEEDS = ("0",)
+REACH_SEEDS = (0,)
 """Seeds of the plants and hills of a real river, unless others are given."""
 
 
@@ -69,14 +67,14 @@ class Imitate(Command):
         if self.recordings:
             return self._clone(settings)
         reach = self.river.reach("--levels", self.levels, levels_have_banks=True)
-        levels = LEVELS if reach else tuple(map(self.river.on_banks, self.levels or LEVELS))
-        seeds = self.world_seeds or (SEEDS if reach is None else REACH_SEEDS)
+        levels = Imitation.levels if reach else tuple(map(self.river.on_banks, self.levels or Imitation.levels))
+        seeds = parse_seeds(self.world_seeds, "--world-seeds", UsageError)
         imitation = Imitation(
             self.out,
             steps=self.steps,
             seed=self.seed,
             levels=levels,
-            world_seeds=parse_seeds(seeds, "--world-seeds", UsageError),
+            world_seeds=seeds or (Imitation.world_seeds if reach is None else REACH_SEEDS),
             river=reach,
             num_envs=self.num_envs,
             rivers_in_memory=self.rivers_in_memory,
@@ -100,6 +98,7 @@ class Imitate(Command):
         """Learn from recordings; raises `UsageError` for options of flights."""
         from thalweg.train.errors import TrainingError
         from thalweg.train.imitation.cloning import Cloning
+        from thalweg.train.imitation.imitate import Imitation
         from thalweg.train.run_in_folder import check_numbers
 
         for name in ("levels", "world_seeds", "river", "rivers_in_memory"):
@@ -121,5 +120,5 @@ class Imitate(Command):
             result = cloning.run(progress=True)
         except TrainingError as error:
             raise TrainingError(re.sub(r"^sequences (?=must|=)", "num_envs ", str(error))) from error
-        print_result(result, ["--levels", *LEVELS, "--unseen"])
+        print_result(result, ["--levels", *Imitation.levels, "--unseen"])
         return 0
